@@ -39,7 +39,8 @@ _PLAIN = [
     "missing", "evidence", "margin", "sigma", "dots", "blobs", "pixels", "dropped", "plane", "bend",
 ]  # fmt: skip
 """Fields of the core's `Finding` that are single numbers."""
-_NUMBERS, _PLACES = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+_INTEGER, _REAL = np.dtype("i8"), np.dtype("f8")
+_NUMBERS, _PLACES = np.zeros(0, _INTEGER), np.zeros((0, 2))
 
 
 class Second(NamedTuple):
@@ -283,20 +284,24 @@ class Detector:
         near: "Sequence[Finding]",
         deadline: "float | None",
     ) -> "list[Finding]":
-        kept = list[Any]()
-        options, found, tracks = self._options.copy(), struct("Findings", kept), self._tracks(model, near)
-        options["deadline"] = 0 if deadline is None else max(deadline, 1e-9)
-        picture, calibrated = _picture(image, model.struct["light"], kept), self.camera is not None
-        inputs = model.struct, camera, calibrated, picture, options, tracks, len(tracks), found
+        kept, kinds = list[Any](), structures()
+        options, tracks, found = self._options, self._tracks(model, near), np.zeros(1, kinds["Findings"])
+        if deadline is not None:
+            options = options.copy()
+            options["deadline"] = max(deadline, 1e-9)
+        picture, at, calibrated = _picture(image, model.light, kept), pointer(found), self.camera is not None
+        inputs = model.at, pointer(camera), calibrated, pointer(picture), pointer(options), pointer(tracks), len(tracks)
         try:
-            if library().detect_frame(*(pointer(v) if isinstance(v, np.ndarray) else v for v in inputs)) < 0:
+            if library().detect_frame(*inputs, at) < 0:
                 raise MemoryError(_MEMORY)
-            blobs = _copied(found["blobs"][0], structures()["Blob"], found["blob_count"][0])
-            rows, tracked = _copied(found["findings"][0], structures()["Finding"], found["count"][0]), found["tracked"]
+            count, blob_count, rows_at, blobs_at, tracked = found.tolist()[0]
+            rows, blobs = _copied(rows_at, kinds["Finding"], count), _copied(blobs_at, kinds["Blob"], blob_count)
             plain = [dict(zip(_PLAIN, values, strict=True)) for values in rows[_PLAIN].tolist()]
-            return [self._finding(model, *pair, blobs, bool(tracked[0])) for pair in zip(rows, plain, strict=True)]
+            return [
+                self._finding(model, *pair, blobs, bool(tracked)) for pair in zip(rows[:, None], plain, strict=True)
+            ]
         finally:
-            library().findings_free(pointer(found))
+            library().findings_free(at)
 
     def _tracks(self, model: Model, near: "Sequence[Finding]") -> "NDArray[np.void]":
         """Where the bodies of a model were; none unless all findings for them say where."""
@@ -308,11 +313,11 @@ class Detector:
         return tracks
 
     def _finding(
-        self, model: Model, row: Any, plain: "dict[str, Any]", blobs: "NDArray[np.void]", tracked: bool
+        self, model: Model, row: "NDArray[np.void]", plain: "dict[str, Any]", blobs: "NDArray[np.void]", tracked: bool
     ) -> Finding:
-        """Read a row of the core's findings; `plain` has its single numbers."""
+        """Read a row (1,) of the core's findings; `plain` has its single numbers."""
         number, state = model.bodies[plain["member"]], STATES[plain["state"]]
-        body, ok, read = self.bodies[number], state == "found", plain["tag_state"] == constants()["TAG_READ"]
+        body, ok = self.bodies[number], state == "found"
         facts: dict[str, Any] = {name: plain[name] for name in ("count", "missing", "cut")} | {"blobs": len(blobs)}
         if plain["rival"] >= 0:
             facts["rival"] = model.bodies[plain["rival"]]
@@ -321,43 +326,44 @@ class Detector:
             facts["tags"] += [f"{model.families[plain['tag_family']]}:{plain['tag']}"]
         if plain["misplaced"]:
             names = [*body.plate_names, ""]
-            columns = (row[name][: plain["misplaced"]].tolist() for name in ("plates", "places", "plate_turns"))
+            columns = (row[name][0, : plain["misplaced"]].tolist() for name in ("plates", "places", "plate_turns"))
             facts["misplaced"] = [(names[k], names[place], np.degrees(a)) for k, place, a in zip(*columns, strict=True)]
-        finding = Finding(
-            ok, state, facts, number, body.name, misfit=plain["sigma"], evidence=plain["evidence"],
-            margin=plain["margin"], tag_state=TAG_STATES[plain["tag_state"]], tracked=tracked,
-            tag_corners=row["corners"].copy() if read else None, turns=row["turn"][: plain["turns"]].copy(),
-        )  # fmt: skip
+        values: dict[str, Any] = {name: plain[name] for name in ("evidence", "margin")} | {
+            "misfit": plain["sigma"], "tag_state": TAG_STATES[plain["tag_state"]], "tracked": tracked,
+            "turns": row["turn"][0, : plain["turns"]],
+        }  # fmt: skip
+        if plain["tag_state"] == constants()["TAG_READ"]:
+            values["tag_corners"] = row["corners"][0]
         count = plain["count"]
-        if not (plain["pixels"] and count > 0):
-            return finding
-        dots, own = (_copied(plain[name], np.dtype("i8"), count + plain["dropped"]) for name in ("dots", "blobs"))
-        ids, seen, estimate, other = body.ids[dots], blobs[own[:count]], row["estimate"], row["estimate"]["other"]
-        finding = finding._replace(
-            ids=ids[: count if ok else 0],
-            pixels=_copied(plain["pixels"], np.dtype("f8"), 2 * count).reshape(-1, 2),
-            pixel_covariance=_matrices(seen["covariance"]),
-            ellipse_centers=seen["center"],
-            guess=ids[:count],
-            dropped=np.sort(ids[count:]),
-            homography=row["H"].reshape(3, 3) if plain["plane"] else None,
-            bend=plain["bend"],
-            placed=row["pose"].copy() if ok else None,
-        )
-        if not estimate["count"]:
-            return finding
-        parts = {f"{name}_covariance": name for name in ("image", "print")} | {"camera_covariance": "calibration"}
-        likelihood = float(estimate["likelihood"])
-        return finding._replace(
-            rotation=estimate["pose"]["R"].reshape(3, 3),
-            translation=estimate["pose"]["t"],
-            second=Second(other["R"].reshape(3, 3), other["t"], likelihood) if likelihood > 0 else None,
-            chi2=float(estimate["chi2"]),
-            degrees_of_freedom=int(estimate["freedom"]),
-            scale=float(estimate["scale"]),
-            verdict=read_verdict(row["verdict"], body.plate_names),
-            **{name: estimate[part].reshape(6, 6) for name, part in (parts | {"covariance": "covariance"}).items()},
-        )
+        if plain["pixels"] and count > 0:
+            dots, own = (_copied(plain[name], _INTEGER, count + plain["dropped"]) for name in ("dots", "blobs"))
+            ids, seen = body.ids[dots], blobs[own[:count]]
+            values |= {
+                "ids": ids[: count if ok else 0], "guess": ids[:count], "dropped": np.sort(ids[count:]),
+                "pixels": _copied(plain["pixels"], _REAL, 2 * count).reshape(-1, 2),
+                "pixel_covariance": _matrices(seen["covariance"]), "ellipse_centers": seen["center"],
+                "homography": row["H"].reshape(3, 3) if plain["plane"] else None,
+                "bend": plain["bend"], "placed": row["pose"][0] if ok else None,
+            }  # fmt: skip
+            if row["estimate"]["count"][0]:
+                values |= _estimated(row["estimate"])
+                values["verdict"] = read_verdict(row["verdict"], body.plate_names)
+        return Finding(ok, state, facts, number, body.name, **values)
+
+
+def _estimated(estimate: "NDArray[np.void]") -> "dict[str, Any]":
+    """Fields of a finding from the core's estimate (1,)."""
+    parts = {"": "covariance", "image_": "image", "print_": "print", "camera_": "calibration"}
+    other, likelihood = estimate["other"], estimate["likelihood"].item()
+    return {
+        "rotation": estimate["pose"]["R"].reshape(3, 3),
+        "translation": estimate["pose"]["t"][0],
+        "second": Second(other["R"].reshape(3, 3), other["t"][0], likelihood) if likelihood > 0 else None,
+        "chi2": estimate["chi2"].item(),
+        "degrees_of_freedom": estimate["freedom"].item(),
+        "scale": estimate["scale"].item(),
+        **{f"{name}covariance": estimate[part].reshape(6, 6) for name, part in parts.items()},
+    }
 
 
 def _picture(image: "NDArray[Any]", light: Any, kept: "list[Any]") -> "NDArray[np.void]":
@@ -370,7 +376,7 @@ def _picture(image: "NDArray[Any]", light: Any, kept: "list[Any]") -> "NDArray[n
 
 def _matrices(symmetric: Array) -> Array:
     """Symmetric matrices (m, 2, 2) of their entries xx, xy, yy (m, 3)."""
-    return symmetric[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return symmetric.take((0, 1, 1, 2), axis=1).reshape(-1, 2, 2)
 
 
 class Dots(NamedTuple):
@@ -396,7 +402,7 @@ def find_dots(image: "NDArray[Any]", light: bool = False, smallest: float = 0.0)
     count = library().find_blobs(pointer(picture), smallest, MOST_BLOBS, pointer(address))
     if count < 0:
         raise MemoryError(_MEMORY)
-    blobs, which = _copied(address[0], structures()["Blob"], count), np.arange(count)
+    blobs, which = _copied(int(address[0]), structures()["Blob"], count), np.arange(count)
     library().blobs_free(ctypes.c_void_p(int(address[0]) or None))
     if library().fit_blobs(pointer(picture), None, pointer(blobs), pointer(which), count) < 0:
         raise MemoryError(_MEMORY)
@@ -408,7 +414,7 @@ def _copied(address: Any, kind: "np.dtype[Any]", count: Any) -> "NDArray[Any]":
     """Copy an array that the core has allocated."""
     if not address or count <= 0:
         return np.zeros(0, kind)
-    return np.frombuffer(ctypes.string_at(int(address), int(count) * kind.itemsize), kind).copy()
+    return np.frombuffer(bytearray(ctypes.string_at(address, count * kind.itemsize)), kind)
 
 
 def _other_tag(tags: "list[str]") -> str:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen_detect.core import struct, structures
+from markergen_detect.core import pointer, struct, structures
 from markergen_detect.description import Body, DescriptionError, Tag, root
 
 Array = NDArray[np.float64]
@@ -45,6 +46,16 @@ class Model:
     struct: "NDArray[np.void]"
     families: "list[str]"
     kept: "list[NDArray[Any]]" = field(repr=False)
+
+    @cached_property
+    def at(self) -> int:
+        """Address of the structure."""
+        return pointer(self.struct)
+
+    @cached_property
+    def light(self) -> bool:
+        """Whether the dots are light."""
+        return bool(self.struct["light"][0])
 
 
 def pack(

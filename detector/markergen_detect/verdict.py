@@ -9,6 +9,8 @@ from markergen_detect.core import words
 CAUSES = words("FOCAL_LENGTH", "BENT")
 """Names of causes, in the core's order."""
 
+_FIELDS = "consistent", "chi2", "freedom", "limit", "likely"
+
 
 class Cause(NamedTuple):
     """Something that may make image, print, camera and body disagree.
@@ -83,9 +85,11 @@ class Verdict(NamedTuple):
 
 
 def read_verdict(row: Any, plate_names: Sequence[str]) -> Verdict:
-    """Return the verdict of the core's structure."""
+    """Return the verdict of the core's structure (1,)."""
+    names = [*plate_names, ""]
+    consistent, chi2, freedom, limit, likely = (row[name].item() for name in _FIELDS)
     causes = tuple(
-        Cause(CAUSES[kind], [*plate_names, ""][plate], value, sigma, chi2)
-        for kind, plate, chi2, value, sigma in row["causes"][: int(row["likely"])].tolist()
+        Cause(CAUSES[kind], names[plate], value, sigma, left)
+        for kind, plate, left, value, sigma in row["causes"][0, :likely].tolist()
     )
-    return Verdict(bool(row["consistent"]), float(row["chi2"]), int(row["freedom"]), float(row["limit"]), causes)
+    return Verdict(bool(consistent), chi2, freedom, limit, causes)

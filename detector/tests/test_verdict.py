@@ -194,10 +194,10 @@ def test_errors_as_stated_are_consistent(rng):
 def test_verdicts_in_words(rng):
     dots, pose = plate(rng, 20), tilted(rng, 0.1)
     blobs = seen(rng, dots, pose, camera())
-    assert str(read_verdict(judge(dots, blobs, camera(), pose_of(*pose))[1], ["front"])) == "consistent"
-    row = np.zeros(1, structures()["Verdict"])[0]
+    assert str(read_verdict(judge(dots, blobs, camera(), pose_of(*pose))[1].reshape(1), ["front"])) == "consistent"
+    row = np.zeros(1, structures()["Verdict"])
     row["chi2"], row["limit"], row["freedom"], row["count"] = 160, 30, 10, len(CAUSES)
-    for cause, name in zip(row["causes"], CAUSES, strict=False):
+    for cause, name in zip(row["causes"][0], CAUSES, strict=False):
         cause["kind"], cause["plate"] = constants()[name.upper().replace(" ", "_")], 0 if name == "misplaced" else -1
         cause["chi2"], cause["value"], cause["sigma"] = 40, -0.03, 0.002
     large = "inconsistent: residuals are 4.0 times as large as expected; "
