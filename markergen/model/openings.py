@@ -130,32 +130,20 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     if not dots:
         return ()
     _, *places, across = np.array(dots).T
-    reaches = []
+    reaches, widest = [], 0.0
     for opening in openings(designed):
         is_near = opening.region.distance(np.stack(places, axis=-1)) < across - 1e-9
         ids = [str(dot[0]) for dot, close in zip(dots, is_near, strict=True) if close]
         if ids:
             reaches.append(f"{opening} into that of dot{'s' * (len(ids) > 1)} {' and '.join(_some(ids))}")
+            widest = max(widest, across[is_near].max())
     if not reaches:
         return ()
     return (
         "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{in_one_line(reaches, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
+        f"{in_one_line(reaches, SHOWN)}; if detection suffers, move them, or design with "
+        f"--clearance {format_length(float(f'{widest / 2:.3g}')).replace(' ', '')}",
     )
-
-
-def holes_to_come(substrate: Substrate, diameter: float, clearance: float) -> tuple[str, ...]:
-    """Return a sentence if a search may place dots so close to holes that these reach into quiet zones."""
-    if not substrate.rims or clearance >= diameter / 2 - 1e-9:
-        return ()
-    return (
-        f"dots of {_short(diameter)} may come within {_short(clearance)} of holes, which then reach into their quiet "
-        f"zones: --clearance {_short(diameter / 2).replace(' ', '')} keeps them out",
-    )
-
-
-def _short(length: float) -> str:
-    return format_length(float(f"{length:.3g}"))
 
 
 def _some(ids: Sequence[str]) -> list[str]:

@@ -21,7 +21,7 @@ from markergen.model.feature import DOT_PIXELS
 from markergen.model.goal import NGON, parse_goal
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of
-from markergen.model.openings import check_holes, holes_to_come, near_holes
+from markergen.model.openings import check_holes, near_holes
 from markergen.model.planned_error import KEY, PlannedError, planned_error_of
 from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import PoseDistribution, left_out
@@ -601,8 +601,6 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False, w
     reason = ASKED if spec.gap else IMAGES if choice else CLEARANCE
     task = _task_of(choice.spec if choice else spec, choice.reason if choice else "", progress)
     layout, crowded = None, None
-    for warning in () if spec.points else holes_to_come(spec.substrate, task.dots.diameter, task.dots.clearance):
-        log.warning("%s", warning)
 
     def refuse_crowds(points: Array) -> None:
         if task.crowds(points):

@@ -14,7 +14,6 @@ from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
-from markergen.model.openings import holes_to_come
 from markergen.model.planned_error import amount, degrees, planned_error_of
 from markergen.model.poses import PoseDistribution, left_out
 from markergen.model.spec import AUTO, Spec
@@ -199,10 +198,7 @@ def look(options: Any) -> dict[str, Any]:
                 **{name: rotation[source] ** 2 / variance for name, source in shares.items()},
             },
             "expected": _expected(layout, budget),
-            "limits": [
-                *_limits(layout, budget),
-                *holes_to_come(spec.substrate, layout.region.diameter, layout.region.clearance),
-            ],
+            "limits": _limits(layout, budget),
             "objective": _objective(layout),
         }
     )

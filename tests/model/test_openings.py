@@ -10,7 +10,7 @@ from sentences import sentence
 from markergen.geometry.contour import Contour, area, circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker import build_marker
-from markergen.model.openings import drawn_holes, holes_to_come, near_holes, openings
+from markergen.model.openings import drawn_holes, near_holes, openings
 from markergen.model.substrate import Substrate, parse_dowel, parse_mount
 
 
@@ -61,11 +61,5 @@ def test_holes_in_quiet_zones_are_named_with_their_dots(drawn):
     [warning] = near_holes(close)
     assert sentence("hole", "M3", "64 mm, 0 mm") + " into that of dot 0;" in warning
     assert "-90 mm" not in warning
+    assert warning.endswith("design with --clearance 10mm")
     assert near_holes(replace(close, control_points=())) == ()
-
-
-def test_before_a_search_it_is_known_whether_holes_may_be_in_quiet_zones(drawn):
-    [warning] = holes_to_come(drawn.substrate, 0.02, 0.006)
-    assert warning.endswith("--clearance 10mm keeps them out")
-    assert holes_to_come(drawn.substrate, 0.02, 0.01) == ()
-    assert holes_to_come(replace(drawn.substrate, holes=(), outline=None), 0.02, 0.006) == ()
