@@ -20,6 +20,7 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, mm
+from markergen.units import format_length
 from markergen.workshop.processes import FACE_DOWN, Made, parts_of
 
 JOINED = 1e-3
@@ -343,13 +344,19 @@ def _extent(body: Primitive, off: float = OFF) -> Array:
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
-def check_no_overlap(made: MadeBody) -> None:
+def check_no_overlap(made: MadeBody, body: Marker | Rig) -> None:
     """Refuse plates that overlap, which cannot be made."""
     if made.overlap:
+        plate = body.plates[0].marker
+        lengths = {"thickness": plate.substrate.thickness, "edge": plate.substrate.edge_around(plate.boundary)}
+        options = " ".join(f"--{name} {format_length(length).replace(' ', '')}" for name, length in lengths.items())
+        is_pair = body.provenance.get("shape") == "pair"
+        remedy = "move them apart, or use a smaller --edge or --thickness"
         raise InputError(
             "plates apart from each other, or markers that are the whole faces of one body",
             made.overlap,
-            "use a smaller --edge or --thickness, or move them apart; models to look at are written as they are",
+            f"{f'design the pair with {options}, which sets its plates back' if is_pair else remedy}; "
+            "models to look at are written as they are",
         )
 
 

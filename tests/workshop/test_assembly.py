@@ -1,5 +1,7 @@
 """Rigs as solids: blocks closed by their faces, and assemblies of plates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sentences import pattern, sentence
@@ -12,9 +14,10 @@ from markergen.objectives.criteria import regular_polygon
 from markergen.workshop.assembly import BODY, block_of, check_no_overlap, made_of, volume_of
 from markergen.workshop.mesh import is_closed, meshes_of
 from markergen.workshop.processes import parts_of
-from tests.support.rigs import corner, cube, mounted, plate, rectangle, wall
+from tests.support.rigs import corner, cube, mounted, plate, rectangle, rig_of, wall
 
 FDM = Fabrication()
+EIGHT = Substrate(thickness=0.008)
 
 
 def prism(sides=6, width=0.06, height=0.1):
@@ -119,16 +122,27 @@ def three_faces_of_a_cube():
 
 
 def test_plates_that_overlap_are_refused():
-    made = made_of(mounted(*three_faces_of_a_cube()), FDM)
+    rig = mounted(*three_faces_of_a_cube())
+    made = made_of(rig, FDM)
     assert made.overlap == sentence("overlap", "plate 0 and plate 1", "5 mm")
     with pytest.raises(InputError, match=pattern("overlap", "plate 0 and plate 1", "5 mm")):
-        check_no_overlap(made)
+        check_no_overlap(made, rig)
     assert "overlap by 5 mm" in made_of(corner(inward=False), FDM).overlap
+
+
+def test_the_remedy_for_thicker_plates_of_a_pair_is_one_that_works():
+    thin = replace(rig_of("pair", plate=0.06), provenance={"shape": "pair"})
+    thick = replace(thin, markers=tuple(replace(p, marker=replace_plate(p.marker, EIGHT)) for p in thin.markers))
+    with pytest.raises(InputError, match="design the pair with --thickness 8mm --edge 2mm,"):
+        check_no_overlap(made_of(thick, FDM), thick)
+    again = rig_of("pair", plate=0.06, thickness=0.008, edge=0.002)
+    check_no_overlap(made_of(again, FDM), again)
 
 
 def test_plates_side_by_side_do_not_overlap():
     turns = [np.eye(3)] * 2
-    check_no_overlap(made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]]), FDM))
+    rig = mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.084, 0, 0]])
+    check_no_overlap(made_of(rig, FDM), rig)
     made = made_of(mounted([plate(0), plate(1)], turns, [[0, 0, 0], [0.08399, 0, 0]]), FDM)
     assert made.overlap.endswith("overlap by 0.01 mm")
 
@@ -145,8 +159,6 @@ def test_inlays_that_meet_inside_of_a_block_are_refused():
 
 
 def replace_plate(marker, substrate):
-    from dataclasses import replace
-
     return replace(marker, substrate=substrate)
 
 

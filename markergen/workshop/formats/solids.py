@@ -436,7 +436,7 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     body = designed(only(bodies, suffix))
     made = made_of(body, options.fabrication)
     if suffix in MADE:
-        check_no_overlap(made)
+        check_no_overlap(made, body)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
     asked = options.fabrication.shape_options
     # A process and what it leaves out show; verify finds those by itself.
