@@ -50,7 +50,7 @@ def compare(
     progress : callable or None
         Called with the stage, the amount done, and the total.
     announce : callable or None
-        Called once, after the first views, with a sentence about the expected duration; not with a protocol.
+        Called once, after the first views, with a sentence about the expected duration.
     **options
         As on the command line, ``markergen compare --help``, with underscores. Lengths are in m, or text with a unit.
 
@@ -82,13 +82,14 @@ def compare(
     poses: Any = poses_as_stated(settled["poses"], settled)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
+    kept = ", less what --parts has kept" if settled["parts"] else ""
+    say = (lambda seconds: announce(f"the whole comparison: about {duration(seconds)}{kept}")) if announce else None
     if _protocol(settled):
         judged = fmac(
             texts, IMAGES if settled["views"] is None else settled["views"], settled["seed"], settled["print_sigma"],
-            settled["workers"], progress, markers, settled["parts"],
+            settled["workers"], progress, markers, settled["parts"], say,
         )  # fmt: skip
         return ProtocolComparison(judged, ProtocolComparison(judged).write(targets))
-    say = (lambda seconds: announce(f"the whole comparison: about {duration(seconds)}")) if announce else None
     results, cpu_s = run(
         texts, COMPARED_VIEWS if settled["views"] is None else settled["views"], settled["seed"], poses,
         settled["print_sigma"], workers=settled["workers"], progress=progress, given=markers,

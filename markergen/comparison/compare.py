@@ -116,7 +116,8 @@ def compare_and_time(
     tuning = replace(counting, count=TUNING_VIEWS, stage=TUNING)
     to_tune = [(who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
     if announce:
-        announce(_forecast(counting, tuning, present, workers))
+        stages = {"views": _observe, "bounds": lambda series, task: _bound_chunk(series, task[::2])}
+        announce(forecast(counting, tuning, present, workers, stages))
     tuned = dict(zip(to_tune, shared(tune_chunk, tuning, to_tune, workers, "settings", progress), strict=True))
     choices: list[Choice] = [{} for _ in contestants]
     for (who, _), (variant, choice, _) in tuned.items():
@@ -139,8 +140,14 @@ def compare_and_time(
     return results, {contestants[who].name: median for who, median in seconds.items()}
 
 
-def _forecast(counting: Series, tuning: Series, present: Sequence[int], workers: int | None) -> float:
-    """Seconds that a comparison takes, from what each stage takes for the first view of each contestant."""
+def forecast(
+    counting: Series,
+    tuning: Series,
+    present: Sequence[int],
+    workers: int | None,
+    stages: Mapping[str, Callable[[Series, tuple[int, Choice, range]], Any]],
+) -> float:
+    """Seconds that a comparison takes, from what tuning and the stages take for the first view of each contestant."""
     costs: dict[tuple[str, int, str], float] = {}
     trials: dict[tuple[str, int, str], Callable[[], Any]] = {}
     for who in present:
@@ -149,21 +156,20 @@ def _forecast(counting: Series, tuning: Series, present: Sequence[int], workers:
         images = [{"image": row} for row in tables.get("image", ())] or [{}]
         if tables:
             rows = len(contestant.variants) - 1 + sum(len(table) - 1 for table in tables.values()) + 1
-            costs["settings", who, "all"] = TUNING_VIEWS * SEEN * min(BUDGET, TRIED * rows)
+            costs["settings", who, "all"] = tuning.count * SEEN * min(BUDGET, TRIED * rows)
             costs["settings", who, "first"] = len(images)
             trials["settings", who, "first"] = partial(_try, tuning, who, images)
-        costs |= {("views", who, "all"): counting.count, ("views", who, "first"): 1}
-        costs |= {("bounds", who, "all"): counting.count, ("bounds", who, "first"): 1}
-        trials["views", who, "first"] = partial(_observe, counting, (who, images[-1], range(1)))
-        trials["bounds", who, "first"] = partial(_bound_chunk, counting, (who, range(1)))
+        for stage, work in stages.items():
+            costs |= {(stage, who, "all"): counting.count, (stage, who, "first"): 1}
+            trials[stage, who, "first"] = partial(work, counting, (who, images[-1], range(1)))
     for trial in trials.values():
         trial()  # Loads libraries, and what contestants keep.
-    forecast = Forecast(costs, lambda task: task[:2], prior=0)
+    expected = Forecast(costs, lambda task: task[:2], prior=0)
     for task, trial in trials.items():
         began = perf_counter()
         trial()
-        forecast.finished(task, perf_counter() - began)
-    return forecast.seconds() / workers_for(workers, len(present))
+        expected.finished(task, perf_counter() - began)
+    return expected.seconds() / workers_for(workers, len(present))
 
 
 def _try(series: Series, who: int, choices: Sequence[Choice]) -> None:

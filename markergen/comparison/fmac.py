@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from markergen.arrays import Array, Indices
-from markergen.comparison.compare import flips
+from markergen.comparison.compare import flips, forecast
 from markergen.comparison.contestants import KINDS, Arena, Choice, Contestant
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.printed import Squares
@@ -36,7 +36,7 @@ from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress
 from markergen.pool import chunks_of
-from markergen.presentation.plots import axes_of, figure_bytes, new_figure
+from markergen.presentation.plots import axes_of, new_figure
 from markergen.presentation.results import json_bytes, plain
 from markergen.presentation.tables import Table, data_frame, number, percent
 from markergen.read.poses import poses_from
@@ -140,6 +140,7 @@ def fmac(
     progress: Progress | None = None,
     given: Mapping[str, Marker | Rig] | None = None,
     folder: Path | None = None,
+    announce: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """Judge markers by the protocol.
 
@@ -152,6 +153,8 @@ def fmac(
         Number of poses, from the first of the sequence, 1 to `IMAGES`.
     folder : Path or None
         Keeps tuned settings and finished parts, with which a run that was stopped, or one with more views, goes on.
+    announce : callable or None
+        Called once, after the first views, with the seconds that all is expected to take if nothing has been kept.
 
     Returns
     -------
@@ -176,12 +179,14 @@ def fmac(
     apart = sequence(seed + 1)
     tuning = replace(series, poses=apart, count=TUNING_VIEWS, stage=TUNING)
     present = [who for who, contestant in enumerate(contestants) if not contestant.absent]
+    count = min(views, len(poses))
+    if announce:
+        announce(forecast(replace(series, count=count), tuning, present, workers, {"views": observe_chunk}))
     common = [seed, print_sigma, asdict(OPTICS), CAMERA.as_dict(), POSES]
     identities = {who: [*_made_of(contestants[who]), *common] for who in present}
     to_tune = [(identities[who], who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
     tuned = shared(partial(_tuned, shelf), tuning, to_tune, workers, "settings", progress)
     settings = {who: ({}, []) for who in present} | {who: row for (_, who, _), row in zip(to_tune, tuned, strict=True)}
-    count = min(views, len(poses))
     tasks = [(identities[who], who, settings[who][0], part) for part in chunks_of(count, PART) for who in present]
     observations: dict[int, list[Observation]] = {who: [] for who in present}
     for (_, who, _, _), rows in zip(
@@ -283,9 +288,9 @@ NAMED = 6
 class ProtocolComparison(Comparison):
     """The result of `markergen.compare` with a protocol; see `markergen.comparison.fmac.fmac` for its values."""
 
-    def content(self, kind: str, path: Path) -> bytes:
-        """See `SavableResult.content`."""
-        return self.to_json() if kind == "json" else figure_bytes(partial(degrees_figure, self._results), path)
+    def figure(self) -> "Figure":
+        """See `SavableResult.figure`."""
+        return degrees_figure(self._results)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with a row for each contestant and error: its bias and spread."""

@@ -2,7 +2,6 @@
 # tests: tests/comparison/test_compare.py
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from markergen.files import Written
-from markergen.presentation.plots import axes_of, figure_bytes, log_axis
-from markergen.presentation.results import SavableResult, StrPath, json_bytes
+from markergen.presentation.plots import axes_of, log_axis
+from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table, data_frame, number, percent
 from markergen.validation.metrics import STATISTICS
 
@@ -66,23 +65,13 @@ class Comparison(SavableResult):
         """Results of each contestant by name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
         return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
 
-    def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
-        """Write files by suffix: .json for the results, .svg or .png for the plot of the errors; see `SavableResult`.
-
-        Parameters
-        ----------
-        json, plot : path or None
-            Files for the results, under any suffix, and for the plot.
-        """
-        return self.write(self.targets(paths, json=json, plot=plot).checked())
-
     def to_json(self) -> bytes:
         """Return the results as JSON text."""
         return json_bytes(self._results)
 
-    def content(self, kind: str, path: Path) -> bytes:
-        """See `SavableResult.content`."""
-        return self.to_json() if kind == "json" else figure_bytes(partial(comparison_figure, self._results), path)
+    def figure(self) -> "Figure":
+        """See `SavableResult.figure`."""
+        return comparison_figure(self._results)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with one row per contestant.

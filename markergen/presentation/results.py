@@ -4,16 +4,19 @@ import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from markergen.files import Written, check_outputs, check_some, make_folder, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.presentation.pages import check_page
-from markergen.presentation.plots import check_figure
+from markergen.presentation.plots import check_figure, figure_bytes
 from markergen.presentation.tables import Table, parts_as_html, parts_as_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 StrPath = str | PathLike[str]
 
@@ -89,10 +92,6 @@ class Targets:
 class SavableResult(Result):
     """Result that can be written to files, either all of them or none.
 
-    The method ``save`` of each kind of result takes paths, whose suffixes determine their content, and paths by kind of
-    content, such as ``json="results.txt"``. It returns the written files. It raises `InputError` if no file is named or
-    a suffix is unknown, and `OutputError` if a file cannot be written; then nothing is changed.
-
     Attributes
     ----------
     KINDS : mapping
@@ -118,18 +117,40 @@ class SavableResult(Result):
             files += [(kind, path)] if path is not None else []
         return Targets(tuple(files), read_as("file", pictures, "pictures"))
 
+    def save(self, *paths: StrPath, **named: Any) -> list[Written]:
+        """Write files by suffix, and by kind of content, such as ``json="results.txt"`` or ``plot="errors.svg"``.
+
+        Raises
+        ------
+        InputError
+            If no file is named, or a suffix is unknown.
+        OutputError
+            If a file cannot be written; then nothing is changed.
+        """
+        return self.write(self.targets(paths, **named).checked())
+
     def write(self, targets: Targets) -> list[Written]:
         """Write targets that were sorted and checked before."""
         contents = {path: self.content(kind, path) for kind, path in targets.files}
         write_all(contents)
         return [Written(path) for path in contents]
 
+    def saved(self, targets: Targets) -> Self:
+        """Write targets that were checked before, and return the result, a dataclass, with what was written."""
+        return replace(self, written=tuple(self.write(targets)))  # type: ignore[type-var]
+
     def content(self, kind: str, path: Path) -> bytes:
         """Return the content of a file of the given kind and name."""
-        del path
-        if kind != "json":
+        if kind == "json":
+            return self.to_json()
+        if kind != "plot" or not hasattr(self, "plot"):
             raise ValueError(f"no result is written as {kind}")
-        return self.to_json()
+        return figure_bytes(self.figure, path)
+
+    def figure(self) -> "Figure":
+        """Return the figure of a file of the kind ``plot``: by default, what ``plot()`` draws."""
+        figure: Figure = self.plot().figure  # type: ignore[attr-defined]  # Results without one have no such files.
+        return figure
 
 
 class Files(Result):

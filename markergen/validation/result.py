@@ -14,7 +14,7 @@ from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress, check_progress
-from markergen.presentation.plots import axes_of, figure_bytes, new_figure
+from markergen.presentation.plots import axes_of
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number
 from markergen.validation import tables
@@ -36,7 +36,6 @@ from markergen.validation.views import pictures as drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 OPERATORS = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le}
@@ -251,14 +250,7 @@ class Validation(SavableResult):
             raise InputError("an expression", brief(expression), "write 'estimators.lm.rotation_deg.rms > 0.5'")
         return check_condition(expression, self._results)
 
-    def save(
-        self,
-        *paths: StrPath,
-        json: StrPath | None = None,
-        report: StrPath | None = None,
-        pictures: StrPath | None = None,
-        progress: Progress | None = None,
-    ) -> list[Written]:
+    def save(self, *paths: StrPath, progress: Progress | None = None, **named: Any) -> list[Written]:
         """Write files by suffix: .html for the report, .json the results, .svg or .png the plot; see `SavableResult`.
 
         Parameters
@@ -272,7 +264,7 @@ class Validation(SavableResult):
             Called with the stage, the amount done, and the total.
         """
         check_progress(progress)
-        targets = self.targets(paths, pictures, json=json, report=report)
+        targets = self.targets(paths, **named)
         check_pictures(targets, self.series.count)
         return self.write(targets.checked(), progress)
 
@@ -291,7 +283,7 @@ class Validation(SavableResult):
                 contents[path] = self._report(images)
                 report("report", 1, 1)
             else:
-                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
+                contents[path] = self.content(kind, path)
         if targets.pictures is not None:
             contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in images}
         write_all(contents)
@@ -410,11 +402,6 @@ class Validation(SavableResult):
             return rig_report(self.series, self._results, self.plot, images)
         budget = budget_of(self.series, self._results["noise_px"])
         return html_report(self._results, self.series.marker, self.setting, images, budget)
-
-    def _figure(self) -> "Figure":
-        figure = new_figure()
-        self.plot(figure.add_subplot())
-        return figure
 
 
 def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from markergen.files import Written
-from markergen.presentation.results import SavableResult, StrPath, json_bytes
+from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table, data_frame
 from markergen.verification.words import Finding
 
@@ -159,10 +159,6 @@ class Verification(SavableResult, Sequence[Check]):
     def __getitem__(self, index: slice) -> tuple[Check, ...]: ...
     def __getitem__(self, index: int | slice) -> Check | tuple[Check, ...]:
         return self._checks[index]
-
-    def save(self, *paths: StrPath, json: StrPath | None = None) -> list[Written]:
-        """Write the results as .json, or with `json` under any name: all files or none, see `SavableResult`."""
-        return self.write(self.targets(paths, json=json).checked())
 
     def to_json(self) -> bytes:
         """Return the results as JSON text: one array for all files."""
