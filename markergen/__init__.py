@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from markergen.api.compare import compare
     from markergen.api.design import design, rig
     from markergen.api.export import export
-    from markergen.api.handeye import HandEye, handeye
+    from markergen.api.handeye import handeye
     from markergen.api.inspect import Inspection, inspect
     from markergen.api.rescale import Rescaled, rescale
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
     from markergen.api.verify import verify
     from markergen.calibration.calibration import Calibration
+    from markergen.calibration.handeye_result import HandEye
     from markergen.comparison.result import Comparison
     from markergen.detect.detector import Detector
     from markergen.detect.results import Found
@@ -90,11 +91,12 @@ _HOMES = {
     "comparison.result": ("Comparison",),
     "verification.result": ("Verification",),
     "calibration.calibration": ("Calibration",),
+    "calibration.handeye_result": ("HandEye",),
     "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),
     "api.design": ("design", "rig"),
     "api.export": ("export",),
-    "api.handeye": ("HandEye", "handeye"),
+    "api.handeye": ("handeye",),
     "api.inspect": ("Inspection", "inspect"),
     "api.rescale": ("Rescaled", "rescale"),
     "api.study": ("Study", "study"),

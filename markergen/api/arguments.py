@@ -1,15 +1,19 @@
 """Conversion of the argument forms that callers may use to the one that the engines take."""
 # tests: tests/api/test_compare.py tests/api/test_design.py
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
+from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import read_as
 from markergen.options.kinds import CameraLike, MarkerLike
+from markergen.read.cameras import sized
+from markergen.read.cameras.covariance import camera_covariance, is_exact
 
 
 def marker_of(value: MarkerLike) -> Marker:
@@ -20,6 +24,26 @@ def marker_of(value: MarkerLike) -> Marker:
 def as_camera(value: CameraLike | None) -> Camera | None:
     """Return a camera as it is, or load it from anything that `Camera.load` takes; None for None."""
     return value if value is None or isinstance(value, Camera) else Camera.load(value)
+
+
+def known_camera(
+    source: Any, photos: Any, settled: Mapping[str, Any], is_several: bool = False
+) -> tuple[Any, Camera | None, Array | None]:
+    """Return a camera's file with the size of the images, the camera, and its covariance: None where unknown.
+
+    Raises
+    ------
+    InputError
+        If ``settled["camera_covariance"]`` belongs to no camera, or one of several.
+    """
+    file = sized(source, settled["image_size"], photos if isinstance(photos, list | tuple) else [photos])
+    camera, covariance = as_camera(file), settled["camera_covariance"]
+    if covariance is not None and (camera is None or (is_several and not is_exact(covariance))):
+        answer = ("several", "write it into the cameras' files, or give none")
+        raise InputError(
+            "a camera that the covariance belongs to", *(answer if is_several else ("none", "give it with --camera"))
+        )
+    return file, camera, None if camera is None else camera_covariance(covariance, file, camera)
 
 
 def files_among(*values: object) -> list[Path]:

@@ -13,8 +13,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from markergen.api.arguments import as_camera, files_among, marker_of
-from markergen.arrays import Array
+from markergen.api.arguments import files_among, known_camera, marker_of
 from markergen.calibration.calibration import Calibration, Known, calibrate_bodies
 from markergen.calibration.network import Length
 from markergen.calibration.next_photo import photographs_of
@@ -29,8 +28,6 @@ from markergen.model.spec import check_scale
 from markergen.options import Progress, as_list, check_progress, settle, signature_of
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
-from markergen.read.cameras import sized
-from markergen.read.cameras.covariance import camera_covariance, is_exact
 from markergen.read.images import find_images
 from markergen.read.videos import is_video
 from markergen.units import format_length, parse_length
@@ -128,12 +125,11 @@ def calibrate(
     if isinstance(camera, list | tuple) and len(camera) == 1:
         (camera,) = camera
     named = _named(camera)
-    sources, cameras = {"": photos} if named is None else _by_folder(photos, [*named]), dict[str, Any]()
-    for name, source in ({"": camera} if named is None else named).items():
-        of_camera = sources[name]
-        listed = of_camera if isinstance(of_camera, list | tuple) else [of_camera]
-        file = sized(source, settled["image_size"], listed)
-        cameras[name] = file, _known_camera(file, settled["camera_covariance"], named is not None)
+    sources = {"": photos} if named is None else _by_folder(photos, [*named])
+    cameras = {
+        name: known_camera(source, sources[name], settled, named is not None)
+        for name, source in ({"": camera} if named is None else named).items()
+    }
     known = Known(
         None,
         None,
@@ -144,14 +140,14 @@ def calibrate(
         settled["poses"],
     )
     targets = Calibration.targets(save, json=json, report=report)
-    knowledge = {
-        name: replace(known, camera=taken, covariance=spread) for name, (_, (taken, spread)) in cameras.items()
-    }
+    knowledge = {name: replace(known, camera=taken, covariance=spread) for name, (_, taken, spread) in cameras.items()}
     moved = sum(prior.camera is None or prior.covariance is not None for prior in knowledge.values())
     if not moved and not known.free and not has_relation and named is None:
         raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
     Calibration.check_targets(targets, len(bodies), known.free or has_relation, moved)
-    targets.check(files_among(marker, *others, *(file for file, _ in cameras.values()), settled["camera_covariance"]))
+    targets.check(
+        files_among(marker, *others, *(file for file, _, _ in cameras.values()), settled["camera_covariance"])
+    )
     if named is not None:
         calibration = calibrate_bodies(bodies, sources, knowledge, settled["workers"], progress)
         return calibration.saved(targets)
@@ -185,17 +181,6 @@ def _named(camera: Any) -> dict[str, Any] | None:
         remedy = "such as --camera left=left.yaml --camera right=right.yaml"
         raise InputError("a name of its own for each of several cameras", ", ".join(map(str, texts)), remedy)
     return named
-
-
-def _known_camera(file: Any, covariance: Any, is_several: bool) -> tuple[Camera | None, Array | None]:
-    """Return a camera and the covariance of its parameters, which are None if unknown."""
-    taken = as_camera(file)
-    if covariance is not None and (taken is None or (is_several and not is_exact(covariance))):
-        expected = "a camera that the covariance belongs to"
-        if is_several:
-            raise InputError(expected, "several", "write it into the cameras' files, or give none")
-        raise InputError(expected, "none", "give it with --camera")
-    return taken, None if taken is None else camera_covariance(covariance, file, taken)
 
 
 def _by_folder(photos: Any, names: list[str]) -> dict[str, Any]:

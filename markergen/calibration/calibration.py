@@ -250,10 +250,6 @@ class Calibration(SavableResult):
             return calibration_page(self)
         return super().content(kind, path)
 
-    def saved(self, targets: Targets) -> "Calibration":
-        """Write targets that were checked before, and return the result with what was written."""
-        return replace(self, written=tuple(self.write(targets)))
-
     def to_json(self) -> bytes:
         """See `SavableResult.to_json`; docs/calibrate.md says what is what."""
         return json_bytes(plain(self.as_dict()))

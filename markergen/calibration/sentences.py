@@ -2,6 +2,7 @@
 
 # tests: tests/calibration/test_report.py
 
+from collections.abc import Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
 SOURCES = ("image", "print", "camera")
 """Sources of an `ExpectedError`."""
 _WORDS = {"image": "image noise", "print": "the print", "camera": "the camera"}
-_MOST_NAMED = 3
+MOST_NAMED = 3
 """Maximum number of unused photographs that are named."""
+TOO_FEW = "too few dots that agree with the other photographs"
+"""Why a photograph that shows the marker took no part."""
 _AS_DESIGNED = 2.0
 """chi2 per degree of freedom up to which the design predicts left-out photographs to the image's noise."""
 _BADLY_PX = 1.0
@@ -168,12 +171,14 @@ def photographs(calibration: "Calibration") -> list[str]:
         f"{adjustment.rms:.3f} px RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {rejected or 'no'} "
         f"dot{'s' * (rejected != 1)} rejected."
     ]
-    left = unused(calibration)
-    if left:
-        named = "; ".join(f"{name}: {reason}" for name, reason in left[:_MOST_NAMED])
-        more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
-        sentences.append(f"Not used: {named}{more}.")
-    return sentences
+    return sentences + named_unused(unused(calibration))
+
+
+def named_unused(photos: Sequence[tuple[str, str]]) -> list[str]:
+    """Return a sentence on photographs that took no part, from their names and reasons; none without any."""
+    named = "; ".join(f"{name}: {reason}" for name, reason in photos[:MOST_NAMED])
+    more = f"; and {len(photos) - MOST_NAMED} more" if len(photos) > MOST_NAMED else ""
+    return [f"Not used: {named}{more}."] if photos else []
 
 
 def unused(calibration: "Calibration") -> list[tuple[str, str]]:
@@ -183,7 +188,7 @@ def unused(calibration: "Calibration") -> list[tuple[str, str]]:
     taken = {int(k) for k in sightings.photo[calibration.used]}
     for k in sightings.photo.tolist():
         if k not in taken:
-            reasons[k] = "too few dots that agree with the other photographs"
+            reasons[k] = TOO_FEW
     return [(sightings.photos[k], reasons[k].rstrip(".")) for k in sorted(reasons)]
 
 

@@ -3,6 +3,7 @@
 # The command is tested here, too, on the same photographs.
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,8 +12,8 @@ import numpy as np
 import pytest
 
 import markergen as mg
-from markergen.api.handeye import _open_directions
 from markergen.calibration.handeye import HandEyeFit, RobotPoses
+from markergen.calibration.handeye_result import HandEye
 from markergen.cli import main
 from markergen.maths.rotation import angle_between, exponential, inverse_pose, logarithm, pose_product
 from markergen.render import Optics, render_view
@@ -129,14 +130,15 @@ def test_directions_are_open_where_their_sigma_is_large():
     robot = RobotPoses(np.tile(np.eye(3), (2, 1, 1)), np.array([[0.6, 0, 0], [0, 0.1, 0]]), np.zeros(1), FIXED, True)
     covariance = np.diag([1e-3] * 3 + [1e-3] * 3 + [1e-3] * 3 + [1e-3] * 3 + [1e-3]) ** 2
     adjustment = SimpleNamespace(views=SimpleNamespace(translation=np.array([[0, 0, 0.5]])))
-    fit = HandEyeFit(robot, adjustment, covariance, np.zeros((0, 6)))
-    assert not list(_open_directions(fit, True))
+    result = HandEye(HandEyeFit(robot, adjustment, covariance, np.zeros((0, 6))), (), (), {})
+    assert not result.open
     covariance[9:12, 9:12] += 0.3**2 * np.outer([0, 0.6, -0.8], [0, 0.6, -0.8])
     covariance[0, 0] = np.deg2rad(5) ** 2
-    turned, moved = _open_directions(fit, True)
+    turned, moved = result.open
     assert ("marker" in turned, "(1.00 0.00 0.00)" in turned, "5 deg" in turned) == (True, True, True)
     assert ("camera" in moved, "(0.00 -0.60 0.80)" in moved, "3e+02 mm" in moved) == (True, True, True)
-    assert "marker" in list(_open_directions(fit, False))[1]
+    beside = HandEye(replace(result.fit, robot=replace(robot, on_hand=False)), (), (), {})
+    assert "marker" in beside.open[1]
 
 
 def test_matrices_with_images():
