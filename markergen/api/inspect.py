@@ -8,39 +8,39 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
-from markergen.api.templates import template_plan
+from markergen.api.shipped import template_plan
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.geometry.contour import Contour, area, box
 from markergen.geometry.outlines import polygons_of
-from markergen.model.body import Body
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import NO_DISTORTION, Camera
+from markergen.model.picture import draw_marker, draw_rig
 from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.rig import Rig
 from markergen.model.rig_shapes import corners
 from markergen.options import settle, signature_of
 from markergen.options.inspection import InspectKeywords
 from markergen.options.kinds import File, Files
-from markergen.presentation.plots import FAINT, INK, SERIES, axes_of, figure_bytes
-from markergen.presentation.results import SavableResult, StrPath, files_as_json, json_bytes, plain
+from markergen.presentation.plots import FAINT, INK, SERIES, axes_of
+from markergen.presentation.results import SavableResult, files_as_json, json_bytes, plain
 from markergen.presentation.tables import Table
 from markergen.read.cameras import CAMERA_FORMATS, load_camera, sized, sized_document
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.cameras.files import camera_bytes, check_camera_path
+from markergen.read.cameras.files import camera_bytes
 from markergen.read.dot_tables import read_layout
-from markergen.read.formats import recognized, written, written_format
+from markergen.read.formats import recognized, written
 from markergen.read.kinds import kinds_of
 from markergen.read.outlines.boundary import outline_reading
 from markergen.read.outlines.formats import OUTLINE_FORMATS
 from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, pose_reading, stated_convention
-from markergen.read.remarks import collected_remarks
+from markergen.read.remarks import collected_remarks, remark
 from markergen.read.templates import read_template
 from markergen.units import format_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 STEEPEST = np.deg2rad(80)
 """Largest angle in rad off the axis of the lines in the picture of a camera."""
@@ -119,17 +119,6 @@ class Inspection(SavableResult):
         axes.set_title(f"{self.file}: {self.facts[0].kind}")
         return axes
 
-    def content(self, kind: str, path: Path) -> bytes:
-        """See `SavableResult.content`."""
-        return figure_bytes(self._figure, path) if kind == "plot" else super().content(kind, path)
-
-    def save(self, *paths: StrPath, json: File | None = None, plot: File | None = None) -> list[Written]:
-        """Write the facts as .json, and the picture as .svg or .png; see `SavableResult`."""
-        return self.write(self.targets(paths, json=json, plot=plot).checked())
-
-    def _figure(self) -> "Figure":
-        return self.plot().figure  # type: ignore[return-value]
-
     def __repr__(self) -> str:
         return f"<Inspection of {self.file}: {', '.join(facts.kind for facts in self.facts)}>"
 
@@ -199,32 +188,21 @@ inspect.__signature__ = signature_of(inspect, InspectKeywords)  # type: ignore[a
 
 
 def _converted(facts: Sequence[Facts], target: Path) -> bytes:
-    able: list[Callable[[Path], bytes]] = []
-    problem: InputError | None = None
+    contents, problem = (
+        list[bytes](),
+        InputError("a camera, poses or an outline", f"a {facts[0].kind}", "leave out --to"),
+    )
     for part in facts:
-        if part.convert is None:
-            problem = InputError("a camera, poses or an outline to convert", f"a {part.kind}", "leave out --to")
-            continue
         try:
-            CHECKS[part.kind](target)
-            able.append(part.convert)
+            contents += [part.convert(target)] if part.convert else []
         except InputError as error:
             problem = error
-    if len(able) > 1:
+    if len(contents) > 1:
         kinds = " or ".join(f"--kind {part.kind}" for part in facts)
-        raise InputError("one kind to convert", f"{len(able)} for {target.name}", f"give {kinds}")
-    if not able:
-        assert problem is not None
+        raise InputError("one kind to convert", f"{len(contents)} for {target.name}", f"give {kinds}")
+    if not contents:
         raise problem
-    return able[0](target)
-
-
-CHECKS: dict[str, Callable[[Path], object]] = {
-    "camera": check_camera_path,
-    "poses": partial(written_format, POSE_FORMATS, "a file of poses"),
-    "outline": partial(written_format, OUTLINE_FORMATS, "an outline"),
-}
-"""Functions that raise an error if no format of a kind has a path's ending."""
+    return contents[0]
 
 
 # --- Cameras ----------------------------------------------------------------------------------------------------------
@@ -280,55 +258,46 @@ def _moved_corners(camera: Camera) -> Array:
 def _draw_camera(camera: Camera, axes: "Axes") -> None:
     """Lines of equal angle as the lens bends them, and straight ones without it."""
     ends = camera.from_pixels(np.array([[-0.5, -0.5], [camera.width - 0.5, camera.height - 0.5]]))
-    half = np.arctan(1.2 * np.nanmax(np.abs(ends))) if np.isfinite(ends).all() else STEEPEST
-    half = min(half, STEEPEST)
+    half = min(STEEPEST, np.arctan(1.2 * np.nanmax(np.abs(ends)))) if np.isfinite(ends).all() else STEEPEST
     steps, fine = np.tan(np.linspace(-half, half, 13)), np.tan(np.linspace(-half, half, 400))
-    for model, (color, width) in (
-        (camera.ideal, (FAINT, 0.8)),
-        (camera, (INK, 1.0)),
-    ):
-        if model is camera.ideal and (camera.distortion == NO_DISTORTION or half == STEEPEST):
-            continue
-        for step in steps:
-            for line in (
-                np.column_stack([np.full_like(fine, step), fine]),
-                np.column_stack([fine, np.full_like(fine, step)]),
-            ):
-                axes.plot(*model.to_pixels(line).T, color=color, linewidth=width)
+    upright = [np.column_stack([np.full_like(fine, step), fine]) for step in steps]
+    ideal = [] if camera.distortion == NO_DISTORTION or half == STEEPEST else [(camera.ideal, FAINT, 0.8)]
+    for model, color, width in [*ideal, (camera, INK, 1.0)]:
+        for line in upright + [line[:, ::-1] for line in upright]:
+            axes.plot(*model.to_pixels(line).T, color=color, linewidth=width)
     axes.plot([camera.cx], [camera.cy], **{**SERIES[1], "linestyle": "none"})
-    axes.set_xlim(-0.5, camera.width - 0.5)
-    axes.set_ylim(camera.height - 0.5, -0.5)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, px")
-    axes.set_ylabel("y, px")
+    axes.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
+    axes.set(xlabel="x, px", ylabel="y, px")
 
 
 # --- Poses ------------------------------------------------------------------------------------------------------------
 
 
 def _poses(path: Path, asked: Mapping[str, Any]) -> Facts:
-    from markergen.read.remarks import remark
-
     poses, form, frame, axes = pose_reading(path, stated_convention(asked) or AS_WRITTEN)
     if doubt := poses.plausibility():
         remark(f"{path.name}: {doubt}")
-    distance, tilt = poses.distance, poses.polar_angle_deg
+    spans = {"distance": (poses.distance, ".4g", "m"), "tilt": (poses.polar_angle_deg, ".1f", "deg")}
     front = int(np.count_nonzero(poses.cos_tilt > 0))
     values = {
         "format": form,
         "count": len(poses),
         "frame": frame,
         "axes": axes,
-        "distance_m": _range_of(distance),
-        "tilt_deg": _range_of(tilt),
+        **{
+            f"{name}_{unit}": {"min": span.min(), "median": np.median(span), "max": span.max()}
+            for name, (span, _, unit) in spans.items()
+        },
         "from_the_front": front,
     }
     rows = {
         "format": form,
         "poses": f"{len(poses)}, {front} of them from the marker's front",
         "read as": f"{frame}, axes of {axes}, in m",
-        "distance": f"{distance.min():.4g} to {distance.max():.4g} m, median {np.median(distance):.4g} m",
-        "tilt": f"{tilt.min():.1f} to {tilt.max():.1f} deg, median {np.median(tilt):.1f} deg",
+        **{
+            name: f"{span.min():{form}} to {span.max():{form}} {unit}, median {np.median(span):{form}} {unit}"
+            for name, (span, form, unit) in spans.items()
+        },
     }
     return Facts(
         "poses",
@@ -339,14 +308,10 @@ def _poses(path: Path, asked: Mapping[str, Any]) -> Facts:
     )
 
 
-def _range_of(values: Array) -> dict[str, float]:
-    return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
-
-
 def _draw_poses(poses: RecordedPoses, axes: "Axes") -> None:
     """Cameras from the side, by distance from the normal and height above the marker, with their lines of sight."""
-    some = slice(None, None, max(1, len(poses) // 300))
-    rotation, translation = poses.rotation[some], poses.translation[some]
+    every = max(1, len(poses) // 300)
+    rotation, translation = poses.rotation[::every], poses.translation[::every]
     centers = -np.einsum("pji,pj->pi", rotation, translation)
     # Within the plane of the normal and the camera's center, x is away from the normal.
     away = centers[:, :2] / np.maximum(np.hypot(*centers[:, :2].T), 1e-12)[:, None]
@@ -357,8 +322,7 @@ def _draw_poses(poses: RecordedPoses, axes: "Axes") -> None:
     axes.plot(x, centers[:, 2], **{**SERIES[0], "linestyle": "none", "markersize": 3})
     axes.plot([0], [0], **{**SERIES[1], "linestyle": "none"})
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("distance of the camera from the marker's normal, m")
-    axes.set_ylabel("height above the marker, m")
+    axes.set(xlabel="distance of the camera from the marker's normal, m", ylabel="height above the marker, m")
 
 
 # --- Outlines ---------------------------------------------------------------------------------------------------------
@@ -408,9 +372,7 @@ def _draw_outline(contours: Sequence[Contour], axes: "Axes") -> None:
     rings = [np.concatenate([ring, ring[:1]]) * 1e3 for ring in polygons_of(contours)]
     axes.add_patch(PathPatch(Curve.make_compound_path(*map(Curve, rings)), facecolor=FAINT, edgecolor=INK))
     axes.autoscale_view()
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, mm")
-    axes.set_ylabel("y, mm")
+    axes.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
 
 
 # --- Markers, rigs, specs, points -------------------------------------------------------------------------------------
@@ -418,7 +380,7 @@ def _draw_outline(contours: Sequence[Contour], axes: "Axes") -> None:
 
 def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
     del asked
-    body: Body = load_marker_or_rig(path)
+    body = load_marker_or_rig(path)
     plates = body.plates
     diameters = sorted({2 * radius for radius in body.radii.tolist()})
     tags = {plate.name: str(plate.marker.tag) for plate in plates if plate.marker.tag}
@@ -436,7 +398,9 @@ def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
         **{plate.name: str(plate.marker) for plate in plates},
         "tags": ", ".join(tags.values()) or "none",
     }
-    return Facts(kind, rows, values, partial(_draw_dots, body.xyz))
+    return Facts(
+        kind, rows, values, lambda ax: draw_rig(body, ax=ax) if isinstance(body, Rig) else draw_marker(body, ax)
+    )
 
 
 def _spec(path: Path, asked: Mapping[str, Any]) -> Facts:
@@ -459,8 +423,7 @@ def _points(path: Path, asked: Mapping[str, Any]) -> Facts:
 def _draw_dots(points: Array, axes: "Axes") -> None:
     axes.plot(*(points[:, :2].T * 1e3), **{**SERIES[0], "linestyle": "none"})
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x, mm")
-    axes.set_ylabel("y, mm")
+    axes.set(xlabel="x, mm", ylabel="y, mm")
 
 
 INSPECTORS: dict[str, Callable[[Path, Mapping[str, Any]], Facts]] = {
