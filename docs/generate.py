@@ -11,7 +11,7 @@ import typer
 from pydantic import TypeAdapter
 
 from docs.damage import page_of_damage
-from markergen.api.templates import overview
+from markergen.api.shipped import overview
 from markergen.cli.commands import app
 from markergen.cli.options import Help
 from markergen.model.body_json import rig_schema

@@ -11,7 +11,7 @@ import cv2
 
 import markergen as mg
 from docs.picture_of_a_solid import picture, read_glb
-from markergen.api.templates import overview
+from markergen.api.shipped import overview
 from markergen.model.picture import svg
 
 WIDTH = 360

@@ -2,7 +2,7 @@
 
 import platform
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
@@ -46,9 +46,8 @@ def diagnosis(json: object = None) -> Diagnosis:
         If the path cannot be written to.
     """
     targets = Diagnosis.targets(json=json)
-    targets.check([])
-    result = Diagnosis(rows=tuple(_rows()))
-    return replace(result, written=tuple(result.write(targets)))
+    targets.check()
+    return Diagnosis(rows=tuple(_rows())).saved(targets)
 
 
 def _rows() -> list[tuple[str, str, str]]:

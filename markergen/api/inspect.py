@@ -188,10 +188,8 @@ inspect.__signature__ = signature_of(inspect, InspectKeywords)  # type: ignore[a
 
 
 def _converted(facts: Sequence[Facts], target: Path) -> bytes:
-    contents, problem = (
-        list[bytes](),
-        InputError("a camera, poses or an outline", f"a {facts[0].kind}", "leave out --to"),
-    )
+    contents = list[bytes]()
+    problem = InputError("a camera, poses or an outline to convert", f"a {facts[0].kind}", "leave out --to")
     for part in facts:
         try:
             contents += [part.convert(target)] if part.convert else []

@@ -7,8 +7,9 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from shlex import join
 
-from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, complain
+from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, complain, report
 
 
 class _Warnings(logging.Handler):
@@ -51,8 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = [word for word in arguments if word not in ("--debug", "--quiet", "--help-all")]
         command += ["--help"] * whole
         if not command and sys.stdin and sys.stdin.isatty() and sys.stdout.isatty():
-            from markergen.cli.asking import asked
-
             command = asked()
         # As with git: `markergen help design`.
         status = _run([*command[1:], "--help"] if command[:1] in ([], ["help"]) else command, whole)
@@ -75,6 +74,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if status == INTERRUPTED:
         _complain("interrupted")
     return status
+
+
+FARTHEST, NEAREST = 1.5, 0.4
+"""Distance of the farthest pose by default, m, and of the nearest over it."""
+
+
+def asked() -> list[str]:
+    """Ask for paper, camera and distance, show the command that the answers make, and return its words."""
+    from markergen.drawing.paper import paper_of_locale
+    from markergen.errors import InputError
+    from markergen.units import parse_length
+
+    command = ["design", "--paper", _answer("Paper in the printer", paper_of_locale(os.environ))]
+    camera = _answer("Camera: webcam, phone, or its calibration file", "webcam")
+    command += ["--camera", camera] if camera != "webcam" else []
+    farthest = 0.0
+    while not farthest:
+        try:
+            farthest = parse_length(_answer("How far away is the marker at most", f"{FARTHEST}m"), "distance")
+        except InputError as error:
+            report(str(error))
+    if farthest != FARTHEST:
+        command += ["--poses", f"cone:distance={NEAREST * farthest:.4g}..{farthest:.4g}m,tilt=0..70"]
+    command += ["-o", "marker.pdf"]
+    report(f"markergen {join(command)}")
+    return command
+
+
+def _answer(question: str, default: str) -> str:
+    return input(f"{question} [{default}]: ").strip() or default
 
 
 def _terminate(number: int, _: object) -> None:

@@ -1,7 +1,7 @@
 """Declared options as those of a command: parsers, types, and help by group."""
 # tests: tests/cli/test_help.py
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -14,7 +14,7 @@ from typer.core import TyperCommand
 from markergen.api.names import names_of, takes_names
 from markergen.cli import console
 from markergen.errors import InputError
-from markergen.options import Option, declared
+from markergen.options import VIEW, Option, declared
 from markergen.options.kinds import KINDS, Kind
 
 Rows = list[tuple[str, str]]
@@ -23,7 +23,21 @@ Json = Annotated[
 ]
 Details = Annotated[bool, typer.Option("--details", help="Print all tables and notes, instead of a few lines.")]
 Refine = Annotated[str | None, typer.Option(hidden=True, callback=console.ignored, metavar="NAME")]
+MarkerFile = Annotated[
+    Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
+]
 Report = Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")]
+
+
+def calibration_file(default: str) -> Any:
+    """Return the option of a camera's file, with what it is without one."""
+    help = f"Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: {default}]"
+    return typer.Option(metavar="FILE", help=help, rich_help_panel=VIEW)
+
+
+def output_files(help: str) -> Any:
+    """Return the option of files to write."""
+    return typer.Option("-o", "--output", metavar="PATH", help=help)
 
 
 def parser_of(kind: Kind) -> Callable[[str], Any] | None:
@@ -59,7 +73,7 @@ class Help:
 
 
 def with_options(
-    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None, first: Sequence[str] = ()
+    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None, first: str = ""
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command so that its ``**options`` are those of a table; options not given are not passed on.
 
@@ -69,8 +83,8 @@ def with_options(
         One of `markergen.options.declarations`.
     listed : mapping of title to callable, optional
         Two-column rows to show in help under each title, created on demand.
-    first : sequence of str
-        Options that ``--help`` lists; all by default.
+    first : str
+        Options that ``--help`` lists, separated by spaces; all by default.
     """
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
@@ -88,7 +102,7 @@ def with_options(
             body(**{name: value for name, value in arguments.items() if name in named or value not in (None, [])})
 
         command.__signature__ = Signature([*parameters, *more])  # type: ignore[attr-defined]
-        command.__dict__.update(listed=listed, first=first)
+        command.__dict__.update(listed=listed, first=first.split())
         command.__annotations__ = {parameter.name: parameter.annotation for parameter in (*parameters, *more)}
         return command
 

@@ -4,7 +4,7 @@ import filecmp
 
 import pytest
 
-from markergen.api.example import copied_example, examples, summary_of
+from markergen.api.shipped import copied_example, examples, summary_of
 from markergen.cli import main
 from markergen.errors import InputError, OutputError
 

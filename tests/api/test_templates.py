@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import markergen as mg
-from markergen.api.templates import overview
+from markergen.api.shipped import overview
 from markergen.cli import main
 from markergen.model.rig import planned_print
 from markergen.read.templates import read_template, shipped_templates

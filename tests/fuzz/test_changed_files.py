@@ -10,7 +10,7 @@ from outline_programs import OUTLINES
 from pose_programs import POSES
 from rigs import corner
 
-from markergen.api.templates import template_plan
+from markergen.api.shipped import template_plan
 from markergen.errors import InputError
 from markergen.geometry.contour import area
 from markergen.model.body_json import load_rig, rig_to_json

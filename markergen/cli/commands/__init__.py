@@ -9,22 +9,7 @@ import typer
 from markergen import __version__
 from markergen.cli.options import GroupedCommand
 
-FIRST = [
-    "design",
-    "rig",
-    "validate",
-    "export",
-    "detect",
-    "compare",
-    "verify",
-    "rescale",
-    "calibrate",
-    "handeye",
-    "study",
-    "inspect",
-    "templates",
-    "example",
-]
+FIRST = "design rig validate export detect compare verify rescale calibrate handeye study inspect templates example"
 """Commands that help lists first, in the order of a user's work; the others follow by name."""
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -58,7 +43,8 @@ def markergen(
 
 
 def _rank(name: str) -> tuple[int, str]:
-    return FIRST.index(name) if name in FIRST else len(FIRST), name
+    listed = FIRST.split()
+    return listed.index(name) if name in listed else len(listed), name
 
 
 for name in sorted((module.name for module in iter_modules(__path__)), key=_rank):

@@ -7,16 +7,14 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Json, Report, with_options
+from markergen.cli.options import Json, MarkerFile, Report, output_files, with_options
 from markergen.options import VIEW
 from markergen.options.calibration import CalibrateKeywords
 
 
 @with_options(CalibrateKeywords)
 def calibrate(
-    marker: Annotated[
-        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
-    ],
+    marker: MarkerFile,
     photos: Annotated[
         list[str],
         typer.Argument(
@@ -36,12 +34,7 @@ def calibrate(
     ] = None,
     output: Annotated[
         list[Path] | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="measured.json: the marker or rig as printed; camera.yaml: the camera; may be repeated.",
-        ),
+        output_files("measured.json: the marker or rig as printed; camera.yaml: the camera; may be repeated."),
     ] = None,
     report: Report = None,
     json: Json = None,

@@ -14,21 +14,7 @@ from markergen.options.declarations import DesignKeywords
 
 @with_options(
     DesignKeywords,
-    first=[
-        "n",
-        "radius",
-        "boundary",
-        "template",
-        "camera",
-        "poses",
-        "dot",
-        "keep_out",
-        "tag",
-        "objective",
-        "paper",
-        "output",
-        "details",
-    ],
+    first="n radius boundary template camera poses dot keep_out tag objective paper output details",
 )
 def design(json: Json = None, details: Details = False, **options: Any) -> None:
     """Find the best layout of control points, and write the marker; <stem>.json always comes with it.

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Refine, with_options
+from markergen.cli.options import Refine, calibration_file, with_options
 from markergen.options import VIEW
 from markergen.options.declarations import DetectKeywords
 
@@ -27,14 +27,7 @@ def detect(
     marker: Annotated[
         list[Path], typer.Option(metavar="MARKER.JSON", help="Marker or rig to look for; may be repeated.")
     ],
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: none: pixels and homography]",
-            rich_help_panel=VIEW,
-        ),
-    ] = None,
+    camera: Annotated[Path | None, calibration_file("none: pixels and homography")] = None,
     image_size: Annotated[
         str | None,
         typer.Option(

@@ -19,7 +19,7 @@ def example(
       markergen example
       markergen example first_marker
     """
-    from markergen.api.example import copied_example, examples, summary_of
+    from markergen.api.shipped import copied_example, examples, summary_of
 
     if name is None:
         for entry, path in sorted(examples().items(), key=lambda item: item[1].suffix):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Json, rig_suffixes, with_options
+from markergen.cli.options import Json, output_files, rig_suffixes, with_options
 from markergen.options.declarations import ExportKeywords
 
 
@@ -26,20 +26,7 @@ def _suffixes() -> list[tuple[str, str]]:
 @with_options(
     ExportKeywords,
     listed={"Suffixes": _suffixes, "Processes": _processes, "Suffixes for a rig.json": rig_suffixes},
-    first=[
-        "output",
-        "paper",
-        "orientation",
-        "margin",
-        "dpi",
-        "colors",
-        "net",
-        "compensate",
-        "process",
-        "thickness",
-        "mount",
-        "outline",
-    ],
+    first="output paper orientation margin dpi colors net compensate process thickness mount outline",
 )
 def export(
     marker: Annotated[
@@ -49,12 +36,7 @@ def export(
             help="As written by markergen design; several go on the same sheets of a .pdf. Or one rig.json.",
         ),
     ],
-    output: Annotated[
-        list[Path],
-        typer.Option(
-            "-o", "--output", metavar="PATH", help="Output file; its suffix selects the format; may be repeated."
-        ),
-    ],
+    output: Annotated[list[Path], output_files("Output file; its suffix selects the format; may be repeated.")],
     json: Json = None,
     **options: Any,
 ) -> None:

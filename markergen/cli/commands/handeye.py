@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Details, Json, with_options
-from markergen.options import FILES, VIEW
+from markergen.cli.options import Details, Json, calibration_file, output_files, with_options
+from markergen.options import FILES
 from markergen.options.handeye import HandeyeKeywords
 
 
@@ -28,17 +28,9 @@ def handeye(
             rich_help_panel=FILES,
         ),
     ],
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: estimated, too]",
-            rich_help_panel=VIEW,
-        ),
-    ] = None,
+    camera: Annotated[Path | None, calibration_file("estimated, too")] = None,
     output: Annotated[
-        list[Path] | None,
-        typer.Option("-o", "--output", metavar="PATH", help="Results as .json, plot as .svg or .png; may be repeated."),
+        list[Path] | None, output_files("Results as .json, plot as .svg or .png; may be repeated.")
     ] = None,
     json: Json = None,
     details: Details = False,

@@ -4,22 +4,15 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from markergen.cli import console
-from markergen.cli.options import Json, with_options
+from markergen.cli.options import Json, MarkerFile, output_files, with_options
 from markergen.options.declarations import RescaleKeywords
 
 
 @with_options(RescaleKeywords)
 def rescale(
-    marker: Annotated[
-        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
-    ],
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
-    ],
+    marker: MarkerFile,
+    output: Annotated[Path, output_files("The marker.json of this print; may be the same file.")],
     json: Json = None,
     **options: Any,
 ) -> None:

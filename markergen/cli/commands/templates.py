@@ -20,7 +20,7 @@ def templates(
       markergen templates desk-a4 > my.toml
       markergen design --template my.toml -o marker.pdf
     """
-    from markergen.api.templates import overview
+    from markergen.api.shipped import overview
     from markergen.read.templates import template_text
 
     if name:

@@ -7,40 +7,17 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Details, Json, Refine, Report, with_options
-from markergen.options import VIEW
+from markergen.cli.options import Details, Json, MarkerFile, Refine, Report, calibration_file, with_options
 from markergen.options.declarations import ValidateKeywords
 
 
 @with_options(
     ValidateKeywords,
-    first=[
-        "camera",
-        "poses",
-        "runs",
-        "views",
-        "optics",
-        "print_sigma",
-        "camera_covariance",
-        "report",
-        "pictures",
-        "json",
-        "fail_if",
-        "details",
-    ],
+    first="camera poses runs views optics print_sigma camera_covariance report pictures json fail_if details",
 )
 def validate(
-    marker: Annotated[
-        Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design; or a rig.json.")
-    ],
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: the camera of the design]",
-            rich_help_panel=VIEW,
-        ),
-    ] = None,
+    marker: MarkerFile,
+    camera: Annotated[Path | None, calibration_file("the camera of the design")] = None,
     report: Report = None,
     pictures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write failed, worst and typical views as PNG.")

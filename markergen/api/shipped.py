@@ -1,20 +1,23 @@
-"""Shipped templates with what they are for, how large they are, and from where they are seen."""
+"""Shipped templates, with sizes and distances; examples and notebooks, and copies of all of them to begin with."""
+# tests: tests/api/test_templates.py tests/api/test_example.py
 
-from dataclasses import asdict, dataclass, replace
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
 from markergen.api.design import request_of, rig_request_of
+from markergen.errors import InputError, OutputError, among
 from markergen.exporters import ExportOptions
-from markergen.files import Written
+from markergen.files import Written, folders_for, shipped_folder, write_all
 from markergen.model.goal import parse_goal
 from markergen.model.rig_shapes import RigShape, corners
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES
-from markergen.presentation.results import SavableResult, json_bytes
+from markergen.presentation.results import Files, SavableResult, json_bytes
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
-from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, shipped_templates
 
 
@@ -91,9 +94,8 @@ def overview(json: object = None) -> Overview:
     [('design', 5, (0.6, 1.5))]
     """
     targets = Overview.targets(json=json)
-    targets.check([])
-    result = Overview(templates=tuple(map(_template, shipped_templates())))
-    return replace(result, written=tuple(result.write(targets)))
+    targets.check()
+    return Overview(templates=tuple(map(_template, shipped_templates()))).saved(targets)
 
 
 def template_plan(name: str) -> tuple[Spec, ExportOptions, RigShape | None]:
@@ -106,21 +108,55 @@ def template_plan(name: str) -> tuple[Spec, ExportOptions, RigShape | None]:
 
 
 def _template(name: str) -> Template:
-    values = read_template(name)
-    if "shape" in values:
-        request = rig_request_of("", {"template": name})
-        faces = request.shape.faces if request.shape else ()
-        spec, plates, room = request.spec, len(faces), np.concatenate([*map(corners, faces)])
-    else:
-        spec, plates = spec_from_mapping(values, name), 1
-        room = np.concatenate(spec.boundary.outlines())
+    values, (spec, _, shape) = read_template(name), template_plan(name)
+    room = np.concatenate([*map(corners, shape.faces)] if shape else spec.boundary.outlines())
     away = poses_from(spec.poses).distance
     return Template(
         name,
         str(values.get("title", "")),
-        "rig" if "shape" in values else "design",
+        "rig" if shape else "design",
         tuple(round(float(side), 6) for side in np.ptp(room, axis=0) if side > 1e-9),
-        None if spec.n == AUTO else plates * spec.n,
+        None if spec.n == AUTO else (len(shape.faces) if shape else 1) * spec.n,
         (spec.camera.width, spec.camera.height),
         (round(float(away.min()), 3), round(float(away.max()), 3)),
     )
+
+
+def examples() -> dict[str, Path]:
+    """Return all that can be copied, by name: scripts, notebooks, folders of packages, and templates."""
+    folder = shipped_folder("examples")
+    packages = [path.parent for name in ("package.xml", "pyproject.toml") for path in folder.glob(f"*/{name}")]
+    paths = [*folder.glob("*.py"), *folder.glob("notebooks/*.ipynb"), *packages]
+    return {path.stem: path for path in sorted(paths)} | shipped_templates()
+
+
+def summary_of(path: Path) -> str:
+    """Return the first sentence that an example says of itself, in its docstring, comment, heading or README."""
+    text = (path / "README.md" if path.is_dir() else path).read_text(encoding="utf-8")
+    first = re.search(r'^(?:"""|# | *"# )?([A-Z][^\n"]{9,}?)(?:[.:;] |\.?$|\.?\\n)', text, re.MULTILINE)
+    return first[1] if first else ""
+
+
+def copied_example(name: str, folder: str | Path = ".") -> Files:
+    """Copy an example into a folder, where nothing of its name may be.
+
+    Raises
+    ------
+    InputError
+        If there is no such example.
+    OutputError
+        If it is there already, or cannot be written.
+    """
+    paths = examples()
+    if name not in paths:
+        raise InputError("a known example", repr(name), among(name, sorted(paths)))
+    source, target = paths[name], Path(folder) / paths[name].name
+    if target.exists():
+        raise OutputError(f"expected nothing at {target}, found it there; remove it, or copy to another folder")
+    files = [path for path in sorted(source.rglob("*")) if path.is_file()] if source.is_dir() else [source]
+    contents = {
+        target / path.relative_to(source): path.read_bytes() for path in files if "__pycache__" not in path.parts
+    }
+    with folders_for(contents):
+        write_all(contents)
+    return Files(list(map(Written, contents)))
