@@ -3,26 +3,12 @@
 from collections.abc import Callable, Sequence
 from itertools import starmap
 
-from docs.numbers import (
-    CALIBRATE,
-    CHOOSING,
-    COMPARISON,
-    DESIGN,
-    DETECT,
-    ERROR,
-    HANDEYE,
-    OBJECTIONS,
-    PAPER,
-    README,
-    RESULTS,
-    RIGS,
-    THEORY,
-    VALIDATE,
-    Block,
-    Command,
-    Entry,
-    Number,
-)
+from docs.numbers import Block, Command, Entry, Number
+
+README, CALIBRATE, CHOOSING, COMPARISON = "README.md", "docs/calibrate.md", "docs/choosing.md", "docs/comparison.md"
+DESIGN, DETECT, ERROR, HANDEYE = "docs/design.md", "docs/detect.md", "docs/error.md", "docs/handeye.md"
+OBJECTIONS, PAPER, RESULTS, RIGS = "docs/objections.md", "docs/paper.md", "docs/results.md", "docs/rigs.md"
+THEORY, VALIDATE = "docs/theory.md", "docs/validate.md"
 
 THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
 POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"

@@ -26,14 +26,6 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).parent.glob("*.md"))))
 """Files that are searched for numbers."""
 
-README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
-PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
-CHOOSING, ERROR, THEORY, COMPARISON = "docs/choosing.md", "docs/error.md", "docs/theory.md", "docs/comparison.md"
-OBJECTIONS = "docs/objections.md"
-FAQ, RESULTS, INSTALL, ROS2 = "docs/faq.md", "docs/results.md", "docs/install.md", "docs/ros2.md"
-CONVENTIONS, CALIBRATE, RIGS, START = "docs/conventions.md", "docs/calibrate.md", "docs/rigs.md", "docs/start.md"
-HANDEYE = "docs/handeye.md"
-
 GENERATED = ("docs/cli.md", "docs/damage.md", "docs/templates.md")
 """Files that `make docs` writes."""
 
