@@ -17,7 +17,7 @@ class CalibrateKeywords(TypedDict, total=False):
         Poses,
         Option(
             VIEW,
-            "Poses over which the expected error is told, in any form of markergen validate --poses.",
+            "Poses over which the expected error is reported, in any form of markergen validate --poses.",
             otherwise="those of the design",
             metavar="NAME|FILE",
         ),
@@ -46,7 +46,7 @@ class CalibrateKeywords(TypedDict, total=False):
         Option(
             ERRORS,
             "Standard deviation of measured lengths that state none of their own, and of the rulers that markergen "
-            "rescale was told.",
+            "rescale was given.",
             f"{1e3 * RULER_SIGMA:g}mm",
         ),
     ]

@@ -409,7 +409,7 @@ class DetectorKeywords(TypedDict, total=False):
     print_sigma: Printed
     symmetric: Annotated[
         str,
-        Option(RUN, "none, or any: of a layout that repeats under a turn, take any labeling.", "none", metavar="NAME"),
+        Option(RUN, "none, or any: of a layout with rotational symmetry, take any labeling.", "none", metavar="NAME"),
     ]
     smallest: Annotated[
         float,

@@ -9,8 +9,10 @@ from markergen.cli import console
 
 
 def example(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Example to copy; without it, list all.")] = None,
-    folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="Where to.", show_default=False)] = ".",
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Example to copy; without it, list all.")] = None,
+    folder: Annotated[
+        str, typer.Argument(metavar="FOLDER", help="Folder to copy it into; by default, this one.", show_default=False)
+    ] = ".",
 ) -> None:
     """Copy an example script, a notebook, a package for ROS 2, or a template out of the installation.
 

@@ -17,10 +17,14 @@ def _shapes() -> list[tuple[str, str]]:
     return list(zip(FORMS, SHAPE_HELP, strict=True))
 
 
-@with_options(RigKeywords, listed={"Shapes": _shapes, "Suffixes for a rig": rig_suffixes})
+@with_options(
+    RigKeywords,
+    listed={"Shapes": _shapes, "Suffixes for a rig": rig_suffixes},
+    first="template edge height pitch plate angle n camera poses dot tag paper output",
+)
 def rig(
     shape: Annotated[
-        list[str] | None, typer.Argument(metavar="[SHAPE]", help="One of those above; or that of the --template.")
+        list[str] | None, typer.Argument(metavar="SHAPE", help="One of those above; or that of the --template.")
     ] = None,
     json: Json = None,
     **options: Any,

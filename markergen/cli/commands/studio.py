@@ -10,7 +10,7 @@ import typer
 def studio(
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="Begin with this marker.json, rig.json, spec .toml or drawing."),
+        typer.Argument(metavar="FILE", help="Begin with this marker.json, rig.json, spec .toml or drawing."),
     ] = None,
     port: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=65535, help="Port to serve at. [default: a free one]")

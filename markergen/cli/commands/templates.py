@@ -10,7 +10,7 @@ from markergen.cli.options import Json
 
 
 def templates(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this template, to be edited.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print this template, to be edited.")] = None,
     json: Json = None,
 ) -> None:
     """List the ready-made specs with sizes, cameras and distances, or print one.

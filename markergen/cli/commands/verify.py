@@ -11,7 +11,7 @@ from markergen.cli.options import Json, with_options
 from markergen.options.declarations import VerifyKeywords
 
 
-@with_options(VerifyKeywords)
+@with_options(VerifyKeywords, first="process through thickness edge outline mount dowel tolerance unit json")
 def verify(
     marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker or rig that the files should contain.")],
     files: Annotated[
