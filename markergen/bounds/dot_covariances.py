@@ -155,11 +155,7 @@ def _ellipse_covariances(
     edge_px: float,
     contrast_to_noise: Callable[[Array], Array],
 ) -> Array:
-    ellipses = [
-        dot_ellipses(marker, camera.ideal, rotation, translation, 2 * marker.radii)
-        for rotation, translation in zip(poses.rotation, poses.translation, strict=True)
-    ]
-    _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
+    _, semi, angle = dot_ellipses(marker, camera.ideal, poses.rotation, poses.translation, 2 * marker.radii)
     # Plates that turn their back have places that are none.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
@@ -176,23 +172,28 @@ def dot_ellipses(
 
     Parameters
     ----------
+    rotation, translation : arrays (..., 3, 3) and (..., 3), m
     diameters : array (n,), m
 
     Returns
     -------
-    center (n, 2), semi (n, 2), angle (n,)
+    center (..., n, 2), semi (..., n, 2), angle (..., n)
         See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not entirely in front of the camera.
     """
-    xyz = marker.xyz
-    normal = rotation[:, 2]
-    centers = xyz @ rotation.T + translation
-    nearest = centers[:, 2] - diameters / 2 * np.hypot(rotation[2, 0], rotation[2, 1])
-    seen = (diameters > 0) & (nearest > 0) & (centers @ normal < 0)
-    center, semi, angle = np.full((len(xyz), 2), np.nan), np.full((len(xyz), 2), np.nan), np.full(len(xyz), np.nan)
+    xyz, normal = marker.xyz, rotation[..., None, :, 2]
+    centers = xyz @ rotation.swapaxes(-1, -2) + translation[..., None, :]
+    leaning = np.hypot(rotation[..., 2, 0], rotation[..., 2, 1])[..., None]
+    seen = (diameters > 0) & (centers[..., 2] > diameters / 2 * leaning) & (np.sum(centers * normal, axis=-1) < 0)
+    center, semi, angle = (np.full((*seen.shape, *of), np.nan) for of in ((2,), (2,), ()))
     if seen.any():
-        planes = np.broadcast_to(rotation, (int(seen.sum()), 3, 3))
-        homography = plane_homography(planes, translation + xyz[seen, 2:] * normal, camera.matrix)
-        center[seen], semi[seen], angle[seen] = circle_image(xyz[seen, :2], diameters[seen] / 2, homography)
+        planes = np.broadcast_to(rotation[..., None, :, :], (*seen.shape, 3, 3))[seen]
+        places = np.broadcast_to(translation[..., None, :] + xyz[:, 2:] * normal, (*seen.shape, 3))[seen]
+        points, radii = (
+            np.broadcast_to(xyz[:, :2], center.shape)[seen],
+            np.broadcast_to(diameters / 2, seen.shape)[seen],
+        )
+        homography = plane_homography(planes, places, camera.matrix)
+        center[seen], semi[seen], angle[seen] = circle_image(points, radii, homography)
     return center, semi, angle
 
 

@@ -1,6 +1,6 @@
 """Noisy trials of a marker or rig at every pose: estimates from noisy image points, their errors, and the bounds."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 from markergen.arrays import Array, Indices, Mask
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
-from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
+from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.maths.information import covariance, flip_separation
 from markergen.maths.projection import project, to_camera
 from markergen.model.body import Plate
@@ -365,13 +365,50 @@ def all_errors(
     """Errors of every estimator, arrays (P, runs), distributed over processes."""
     count = len(experiment.poses)
     workers = workers_for(workers, 1 + count * experiment.runs // WORTH_A_WORKER)
-    results = map_counted(partial(run_trials, experiment), chunks_of(count, POSES_AT_ONCE), workers, progress)
+    size = max(POSES_AT_ONCE, BLOCK // max(experiment.runs, 1))
+    results = map_counted(partial(run_trials, experiment), chunks_of(count, size), workers, progress)
     return join([errors for chunk in results for errors in chunk], stack=True)
 
 
 def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str, Errors]]:
     """Errors of every estimator, arrays (runs,), for each pose with one of these indices."""
-    return [_run_pose(experiment, index) for index in indices]
+    blocks: dict[int, list[dict[str, Errors]]] = {index: [] for index in indices}
+    for batch in _batches(experiment, blocks):
+        points = [points for _, points, _ in batch]
+        trials = [len(images) for *_, images in batch]
+        # One layout for all where there is one: each trial's own would be copied for every estimator.
+        objects = points[0] if experiment.seen is None else np.repeat(points, trials, axis=0)
+        images = np.concatenate([images for *_, images in batch])
+        together = Correspondences.from_distorted(objects, images, experiment.camera)
+        ends = np.cumsum(trials)
+        for (index, own, _), end, count in zip(batch, ends, trials, strict=True):
+            part = slice(end - count, end)
+            blocks[index].append(
+                {name: _errors(experiment, index, own, together, part, name) for name in experiment.estimators}
+            )
+    return [join(parts, stack=False) if parts else _nothing(experiment) for parts in blocks.values()]
+
+
+def _batches(experiment: Experiment, indices: Iterable[int]) -> Iterator[list[tuple[int, Array, Array]]]:
+    """Yield poses with the points that they see and blocks of their noisy images, as many as are solved at once.
+
+    Those of a batch see as many points, all in a plane or not: estimators differ.
+    """
+    batch: list[tuple[int, Array, Array]] = []
+    kind, trials = (0, False), 0
+    for index in indices:
+        if experiment.frames is not None and experiment.seen is not None and not experiment.seen[index].any():
+            continue
+        points = experiment.points_of(index)
+        for images in noisy_images(experiment, index):
+            before, kind = kind, (len(points), bool(points[:, 2].any()))
+            if batch and (kind != before or trials + len(images) > BLOCK):
+                yield batch
+                batch, trials = [], 0
+            batch.append((index, points, images))
+            trials += len(images)
+    if batch:
+        yield batch
 
 
 def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
@@ -401,31 +438,31 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
     }
 
 
-def _run_pose(experiment: Experiment, index: int) -> dict[str, Errors]:
-    if experiment.frames is not None and experiment.seen is not None and not experiment.seen[index].any():
-        nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
-        return {name: PoseErrors(nothing, nothing, nothing, nothing, no, no) for name in experiment.estimators}
-    blocks = []
-    for images in noisy_images(experiment, index):
-        batch = Correspondences.from_distorted(experiment.points_of(index), images, experiment.camera)
-        blocks.append({name: _errors(experiment, index, batch, ESTIMATORS[name]) for name in experiment.estimators})
-    return join(blocks, stack=False)
+def _nothing(experiment: Experiment) -> dict[str, Errors]:
+    """Errors of a pose that sees no dot."""
+    nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
+    return {name: PoseErrors(nothing, nothing, nothing, nothing, no, no) for name in experiment.estimators}
 
 
-def _errors(experiment: Experiment, index: int, batch: Correspondences, estimator: AnyEstimator) -> Errors:
+def _errors(
+    experiment: Experiment, index: int, points: Array, batch: Correspondences, part: slice, name: str
+) -> Errors:
+    """Errors of a pose's part of a batch."""
     rotation, translation = experiment.poses.rotation[index], experiment.poses.translation[index]
+    estimator = ESTIMATORS[name]
     if not isinstance(estimator, PoseEstimator):
-        homography = batch.once(estimator)
+        homography = batch.once(estimator)[part]
         grid = validation_grid(experiment.radius)
         depth = to_camera(grid, rotation[None], translation[None])[0, :, 2]
         grid = grid[depth > LEAST_DEPTH * translation[2]]
         pixels = project(grid, rotation[None], translation[None], experiment.camera.matrix)[0]
         he_px2 = homography_error_px2(homography, grid, pixels)
-        return HomographyErrors(he_px2, homography_failed(batch.object_points[:, :2], homography, he_px2))
+        return HomographyErrors(he_px2, homography_failed(points[:, :2], homography, he_px2))
     solutions = batch.once(estimator)
+    rotations, place = solutions.rotation[part], solutions.translation[part, 0]
     # The pose of a rig is estimated, and mirrored, in the frame of a plate.
-    in_frame, truth = solutions.best, (rotation, translation)
-    rotations, (estimate, place) = solutions.rotation, in_frame
+    in_frame, truth = (rotations[:, 0], place), (rotation, translation)
+    estimate = in_frame[0]
     if experiment.frames is not None:
         frame = experiment.frames[index]
         truth = frame.camera_pose(rotation, translation)
@@ -433,7 +470,7 @@ def _errors(experiment: Experiment, index: int, batch: Correspondences, estimato
         estimate = rotations[:, 0]
         place = place - estimate @ frame.translation_vector
     te_pct = translation_error_pct(place, translation)
-    failed = pose_failed(batch.object_points, *in_frame, te_pct)
+    failed = pose_failed(points, *in_frame, te_pct)
     can_flip = experiment.bounds.separation[index] > FLIP_SEPARATION
     flips = ~failed & flipped(in_frame[0], *truth) & can_flip
     nees = np.full(len(te_pct), np.nan)

@@ -61,6 +61,21 @@ def test_many_runs_come_in_blocks(pentagon, monkeypatch):
     assert {name: errors[name].failed.shape for name in errors} == {"dlt": (10,), "ippe": (10,), "lm": (10,)}
 
 
+def test_poses_that_are_solved_together_have_the_errors_of_each_alone(pentagon):
+    """Also where some see fewer dots, and those of as many are solved together."""
+    whole = experiment(pentagon)
+    seen = np.ones((len(whole.poses), len(pentagon)), dtype=bool)
+    seen[0, 4] = seen[2, 1] = False
+    order = [0, 2, 1]
+    for setup in (whole, replace(whole, seen=seen, estimators=("ippe", "lm"))):
+        for index, errors in zip(order, run_trials(setup, order), strict=True):
+            (alone,) = run_trials(setup, [index])
+            assert {name: type(part) for name, part in errors.items()} == {n: type(p) for n, p in alone.items()}
+            for name, part in errors.items():
+                for key, values in vars(part).items():
+                    np.testing.assert_array_equal(values, vars(alone[name])[key])
+
+
 def test_errors_vanish_with_the_noise(pentagon):
     """To 1e-5 px, deg and % as every estimator is exact; NEES is not defined."""
     for errors in run_trials(experiment(pentagon, noise_px=0.0), range(3)):
@@ -132,7 +147,8 @@ def test_seed_decides(pentagon):
     assert first["estimators"] != other["estimators"]
 
 
-def test_progress_ends_at_the_number_of_poses(pentagon):
+def test_progress_ends_at_the_number_of_poses(pentagon, monkeypatch):
+    monkeypatch.setattr(trials, "BLOCK", 8)
     calls = []
     run_experiment(
         pentagon, PAPER_CAMERA, some(*range(10)), runs=2, estimators=["dlt"], progress=lambda *call: calls.append(call)
