@@ -1,5 +1,7 @@
 """Errors of estimates, criteria for failures and flips, and statistics with their counts."""
 
+from typing import Any
+
 import numpy as np
 
 from markergen.arrays import Array, Mask
@@ -154,6 +156,14 @@ def mean_nees_interval(count: int) -> tuple[float, float]:
     tail = (1 - CONFIDENCE) / 2
     low, high = gammaincinv(POSE_PARAMETERS * count / 2, [tail, 1 - tail]) * 2 / count
     return float(low), float(high)
+
+
+def nees_statistics(values: Array) -> dict[str, Any]:
+    """Mean of the finite NEES of any shape, and its interval around 6 if the covariance is right."""
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return {"count": 0, "mean": None, "interval": None}
+    return {"count": values.size, "mean": np.mean(values), "interval": mean_nees_interval(values.size)}
 
 
 def share_interval(successes: int, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:

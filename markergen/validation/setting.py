@@ -20,6 +20,11 @@ from markergen.read.spec_file import spec_of, stated_poses
 ALL_AROUND = "sphere:distance=0.3..0.9"
 """Poses of a rig whose file states none."""
 
+MOST_RUNS = 1_000_000
+"""Maximum number of trials at a pose; an RMS error of as many is uncertain by 0.07 %."""
+MOST_NOISE_PX = 1000.0
+"""Maximum noise, larger than any image; estimates are meaningless long before."""
+
 
 def setting_of(
     body: Marker | Rig, poses: str | PoseDistribution | None = None, camera: Camera | None = None
@@ -62,3 +67,14 @@ def setting_for(body: Marker | Rig, camera: Camera, poses: PoseDistribution) -> 
     seen = partly_seen(body, camera, poses)
     sight = None if seen is None else Sight(seen, np.zeros((len(poses), 6, 6)))
     return Setting(boundary, camera, poses, sight=sight)
+
+
+def check_trials(noise_px: float, runs: int, seed: int) -> None:
+    """Refuse noise, runs or a seed out of range; raises InputError."""
+    if not 0 <= noise_px <= MOST_NOISE_PX:
+        expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
+        raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
+    if not 0 <= runs <= MOST_RUNS:
+        raise InputError(f"0 to {MOST_RUNS} runs", f"runs={runs}", "give --runs a whole number such as 1000")
+    if seed < 0:
+        raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -29,28 +31,26 @@ from markergen.validation.metrics import (
     flipped,
     homography_error_px2,
     homography_failed,
-    mean_nees_interval,
+    nees_statistics,
     pose_failed,
     pose_nees,
     rotation_error_deg,
     statistics,
     translation_error_pct,
 )
+from markergen.validation.setting import check_trials
 from markergen.validation.views import SyntheticViews
 
-BLOCK = 4096
-"""Number of trials solved at once, which bounds the memory for any number of runs."""
+BLOCK, AT_ONCE = 4096, 1024
+"""Maximum number of trials of a pose that are solved at once, which bounds the memory for any number of runs; and of
+trials from which on further poses come later."""
 NEES_OF = "lm"
 """Name of the maximum-likelihood estimator, to whose covariance the bound applies."""
 LEAST_DEPTH = 0.1
 """Minimum depth of validation points, as a share of the marker's distance; nearer ones are left out of HE."""
 
-MOST_RUNS = 1_000_000
-"""Maximum number of trials at a pose; an RMS error of as many is uncertain by 0.07 %."""
 POSES_AT_ONCE = 4
 """Number of poses per chunk of work: about a second of computing at 1000 runs."""
-MOST_NOISE_PX = 1000.0
-"""Maximum noise, larger than any image; estimates are meaningless long before."""
 WORTH_A_WORKER = 10_000
 """Number of trials (poses times runs) below which starting another process does not pay."""
 
@@ -201,7 +201,9 @@ class TrialResults:
 
     def _nees(self, groups: Mapping[str, Mask]) -> dict[str, Any] | None:
         errors = self.errors.get(NEES_OF)
-        return _by_group(_nees_summary, errors, groups) if isinstance(errors, PoseErrors) else None
+        if not isinstance(errors, PoseErrors):
+            return None
+        return _by_group(lambda errors, poses: nees_statistics(errors.nees[poses]), errors, groups)
 
 
 def pose_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
@@ -277,7 +279,7 @@ def rig_trials(
         estimators[name] = summarized(served) | {
             key: {group: summarized(mask) for group, mask in masks.items()} for key, masks in groups.items()
         }
-        nees = nees or _nees_summary(errors, served)
+        nees = nees or nees_statistics(errors.nees[served])
     bounds = experiments["lm"].bounds
     return {
         "bound": bounds.summary(served)
@@ -292,7 +294,7 @@ def _rig_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[st
         "poses": int(poses.sum()),
         "bound": bounds.summary(poses),
         **pose_summary(bounds, errors, poses),
-        "nees": _nees_summary(errors, poses)["mean"],
+        "nees": nees_statistics(errors.nees[poses])["mean"],
     }
 
 
@@ -365,50 +367,38 @@ def all_errors(
     """Errors of every estimator, arrays (P, runs), distributed over processes."""
     count = len(experiment.poses)
     workers = workers_for(workers, 1 + count * experiment.runs // WORTH_A_WORKER)
-    size = max(POSES_AT_ONCE, BLOCK // max(experiment.runs, 1))
+    size = max(POSES_AT_ONCE, AT_ONCE // max(experiment.runs, 1))
     results = map_counted(partial(run_trials, experiment), chunks_of(count, size), workers, progress)
     return join([errors for chunk in results for errors in chunk], stack=True)
 
 
 def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str, Errors]]:
-    """Errors of every estimator, arrays (runs,), for each pose with one of these indices."""
-    blocks: dict[int, list[dict[str, Errors]]] = {index: [] for index in indices}
-    for batch in _batches(experiment, blocks):
-        points = [points for _, points, _ in batch]
-        trials = [len(images) for *_, images in batch]
-        # One layout for all where there is one: each trial's own would be copied for every estimator.
-        objects = points[0] if experiment.seen is None else np.repeat(points, trials, axis=0)
-        images = np.concatenate([images for *_, images in batch])
-        together = Correspondences.from_distorted(objects, images, experiment.camera)
-        ends = np.cumsum(trials)
-        for (index, own, _), end, count in zip(batch, ends, trials, strict=True):
-            part = slice(end - count, end)
-            blocks[index].append(
-                {name: _errors(experiment, index, own, together, part, name) for name in experiment.estimators}
-            )
-    return [join(parts, stack=False) if parts else _nothing(experiment) for parts in blocks.values()]
+    """Errors of every estimator, arrays (runs,), for each pose with one of these indices; nan where it sees no dot."""
+    parts: dict[int, list[dict[str, Errors]]] = {index: [] for index in indices}
+    for _, group in groupby(_blocks(experiment, parts), itemgetter(0)):
+        _, poses, layouts, images = zip(*group, strict=True)
+        ends = np.cumsum([len(block) for block in images])
+        # A layout for each trial would be copied by every estimator.
+        points = layouts[0] if experiment.seen is None else np.repeat(layouts, np.diff(ends, prepend=0), axis=0)
+        batch = Correspondences.from_distorted(points, np.concatenate(images), experiment.camera)
+        for index, layout, end, block in zip(poses, layouts, ends, images, strict=True):
+            solve = partial(_errors, experiment, index, layout, batch, slice(end - len(block), end))
+            parts[index].append({name: solve(name) for name in experiment.estimators})
+    nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
+    unseen = dict.fromkeys(experiment.estimators, PoseErrors(nothing, nothing, nothing, nothing, no, no))
+    return [join(blocks, stack=False) if blocks else {**unseen} for blocks in parts.values()]
 
 
-def _batches(experiment: Experiment, indices: Iterable[int]) -> Iterator[list[tuple[int, Array, Array]]]:
-    """Yield poses with the points that they see and blocks of their noisy images, as many as are solved at once.
-
-    Those of a batch see as many points, all in a plane or not: estimators differ.
-    """
-    batch: list[tuple[int, Array, Array]] = []
-    kind, trials = (0, False), 0
+def _blocks(experiment: Experiment, indices: Iterable[int]) -> Iterator[tuple[tuple[int, ...], int, Array, Array]]:
+    """Yield blocks of noisy images, each after what is common to those solved together, its pose, and its points."""
+    trials = 0
     for index in indices:
-        if experiment.frames is not None and experiment.seen is not None and not experiment.seen[index].any():
-            continue
-        points = experiment.points_of(index)
-        for images in noisy_images(experiment, index):
-            before, kind = kind, (len(points), bool(points[:, 2].any()))
-            if batch and (kind != before or trials + len(images) > BLOCK):
-                yield batch
-                batch, trials = [], 0
-            batch.append((index, points, images))
-            trials += len(images)
-    if batch:
-        yield batch
+        if experiment.seen is None or experiment.seen[index].any():
+            points = experiment.points_of(index)
+            for images in noisy_images(experiment, index):
+                # Estimators differ for points in a plane.
+                yield (len(points), int(points[:, 2].any()), trials // AT_ONCE), index, points, images
+                trials += len(images)
 
 
 def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
@@ -438,16 +428,9 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
     }
 
 
-def _nothing(experiment: Experiment) -> dict[str, Errors]:
-    """Errors of a pose that sees no dot."""
-    nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
-    return {name: PoseErrors(nothing, nothing, nothing, nothing, no, no) for name in experiment.estimators}
-
-
 def _errors(
     experiment: Experiment, index: int, points: Array, batch: Correspondences, part: slice, name: str
 ) -> Errors:
-    """Errors of a pose's part of a batch."""
     rotation, translation = experiment.poses.rotation[index], experiment.poses.translation[index]
     estimator = ESTIMATORS[name]
     if not isinstance(estimator, PoseEstimator):
@@ -496,17 +479,6 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
 
 
-def check_trials(noise_px: float, runs: int, seed: int) -> None:
-    """Refuse noise, runs or a seed out of range; raises InputError."""
-    if not 0 <= noise_px <= MOST_NOISE_PX:
-        expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
-        raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
-    if not 0 <= runs <= MOST_RUNS:
-        raise InputError(f"0 to {MOST_RUNS} runs", f"runs={runs}", "give --runs a whole number such as 1000")
-    if seed < 0:
-        raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
-
-
 def _by_group(summarize: Any, errors: Errors, groups: Mapping[str, Mask]) -> dict[str, Any]:
     everything = np.logical_or.reduce(list(groups.values()))
     overall: dict[str, Any] = summarize(errors, everything)
@@ -521,15 +493,6 @@ def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:
         "rms_px": statistics(np.sqrt(he_px2)),
         "failure_rate": np.mean(failed),
     }
-
-
-def _nees_summary(errors: PoseErrors, poses: Mask) -> dict[str, Any]:
-    """Mean NEES, and its 99 % interval around 6 if the bound's covariance is right."""
-    values = errors.nees[poses]
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return {"count": 0, "mean": None, "interval": None}
-    return {"count": values.size, "mean": np.mean(values), "interval": mean_nees_interval(values.size)}
 
 
 def _range(values: Array | None) -> dict[str, Any] | None:

@@ -23,7 +23,7 @@ from markergen.validation.metrics import (
     POSE_PARAMETERS,
     flipped,
     homography_error_px2,
-    mean_nees_interval,
+    nees_statistics,
     pose_failed,
     rms,
     rotation_error_deg,
@@ -349,16 +349,11 @@ def _nees(values: Array) -> dict[str, Any]:
     from scipy.special import gammaincinv
 
     if not len(values):
-        return {"count": 0, "mean": None, "interval": None, "coverage": None, "coverage_interval": None}
+        return {**nees_statistics(values), "coverage": None, "coverage_interval": None}
     limit = 2 * gammaincinv(POSE_PARAMETERS / 2, NOMINAL_COVERAGE)
     inside = int(np.sum(values <= limit))
-    return {
-        "count": len(values),
-        "mean": values.mean(),
-        "interval": mean_nees_interval(len(values)),
-        "coverage": inside / len(values),
-        "coverage_interval": share_interval(inside, len(values)),
-    }
+    covered = {"coverage": inside / len(values), "coverage_interval": share_interval(inside, len(values))}
+    return {**nees_statistics(values), **covered}
 
 
 def _where(record: Record, poses: PoseDistribution) -> dict[str, Any]:

@@ -148,7 +148,7 @@ def test_seed_decides(pentagon):
 
 
 def test_progress_ends_at_the_number_of_poses(pentagon, monkeypatch):
-    monkeypatch.setattr(trials, "BLOCK", 8)
+    monkeypatch.setattr(trials, "AT_ONCE", 8)
     calls = []
     run_experiment(
         pentagon, PAPER_CAMERA, some(*range(10)), runs=2, estimators=["dlt"], progress=lambda *call: calls.append(call)
