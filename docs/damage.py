@@ -62,6 +62,7 @@ def damages() -> Iterator[tuple[str, str]]:
     yield from ((suffix, test_made.DAMAGES[name].kind) for name, suffix in test_made.CASES)
     yield from ((".dxf", kind) for _, kind in test_claims.ENTITIES.values())
     yield from ((".stl", "extra") for _ in test_claims.BODIES)
+    yield from ((".svg", "twice") for _ in test_claims.AGAIN)
     yield from ((".glb", "looks") for _ in test_claims.GLTF)
     yield from ((".3mf", "looks") for _ in test_claims.PRINTED)
     yield from ((".svg", "marks") for _ in test_printed.CHANGES)

@@ -22,6 +22,7 @@ from markergen.verification.lines import (
     CutLine,
     in_picture,
     line_findings,
+    pieces_of,
     plate_lines,
     sampled,
     seek_among,
@@ -52,9 +53,6 @@ THIN = 0.05
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
-ENGRAVED = 1.0
-"""Distance in mm from a dot or the tag up to which lines to engrave are its own, though misplaced."""
-
 INFO_ON = "INFO"
 """Layer of a DXF of what is drawn for information only."""
 
@@ -81,8 +79,10 @@ def flat_findings(
     tolerance : float
         m.
     """
-    judged, notes, strange = [], dict[str, None](), None
+    judged, notes = [], dict[str, None]()
     tol = 1e3 * tolerance
+    to_cut = None if page.cut is None or page.lines is None else page.lines[page.cut]
+    strange, sought = np.ones(0 if to_cut is None else len(to_cut), dtype=bool), False
     kinds = [sheet_lines(marker)]
     if page.layers:
         # A plate that cannot be made has no lines.
@@ -110,18 +110,18 @@ def flat_findings(
             missing = (Finding("missing", f"{listed_ids(absent)} missing", AGAIN),) if absent else ()
             verdict = replace(verdict, findings=(*kept, *missing))
         flaws += _unread(page, marker, motion, factor)
-        misplaced = any(finding.kind == "layer" for finding in flaws)
-        if page.cut is not None and page.lines is not None and not misplaced:
-            stray = strays(wanted, _to_marker(page.lines[page.cut], motion, factor))
-            strange = stray if strange is None else strange & stray
+        if to_cut is not None and not any(finding.kind == "layer" for finding in flaws):
+            pieces = pieces_of([line.contour for line in wanted])
+            strange &= strays(_to_marker(to_cut, motion, factor), pieces, misplaced=bool(lines))
+            sought = True
         if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (verdict.findings or flaws):
             flaws = printed_findings(marker, factor != (1.0, 1.0), page.size, page.picture, motion)
         judged.append(replace(verdict, findings=(*verdict.findings, *flaws)))
     if page.lines is None and page.picture is not None and page.picture.bilevel:
         notes["a picture in black and white alone, which may lack grey lines to cut"] = None
     extra = []
-    if strange is not None and strange.any() and page.lines is not None:
-        x, y = page.lines[page.cut][strange].mean(axis=1)[0]
+    if to_cut is not None and sought and strange.any():
+        x, y = to_cut[strange].mean(axis=1)[0]
         what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
         extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
     unclaimed = _unclaimed(page, marker, dots, judged, factor)
@@ -143,12 +143,10 @@ def _unclaimed(
     rings = [_to_page(ring, motion, factor) for ring in tag for motion in motions]
     around = np.exp(2j * np.pi * np.arange(60) / 60)
     for radii in (dots.radii, dots.inner):
-        circles = radii[:, None] * around
-        rings += list(dots.centers[:, None] + np.stack([circles.real, circles.imag], axis=-1))
+        circles = radii[radii > 0, None] * around
+        rings += list(dots.centers[radii > 0, None] + np.stack([circles.real, circles.imag], axis=-1))
     wanted = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-    middles = page.engraved.mean(axis=1)
-    away = np.linalg.norm(seek_among(wanted)(middles, middles) - middles, axis=1)
-    return page.engraved[~(away < ENGRAVED)]
+    return page.engraved[strays(page.engraved, wanted)]
 
 
 def _with_absent(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.geometry.contour import Contour, area, backward, box, flattened, placed
 from markergen.model.marker import Marker
 from markergen.model.openings import Opening, openings
@@ -31,6 +31,9 @@ STEP, CANDIDATES = 0.5, 6
 
 GAP = 0.02
 """Share of a line that may be missing without a word: ends of its pieces."""
+
+CLAIMED = 1.0
+"""Distance in mm from what is wanted up to which lines to cut or to engrave are its own: more than what is allowed."""
 
 DRAW_AGAIN = "export it again, or correct the line in the drawing"
 
@@ -107,16 +110,15 @@ def seek_among(segments: Array) -> Seek:
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
     if not len(segments):
         return lambda points, normals: np.full_like(points, np.nan)  # noqa: ARG005
-    along = segments[:, 1] - segments[:, 0]
-    count = np.clip(np.ceil(np.linalg.norm(along, axis=1) / STEP), 1, MOST_SAMPLES).astype(int) + 1
-    of = np.repeat(np.arange(len(segments)), count)
-    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count - 1, count)
-    tree = cKDTree(segments[of, 0] + share[:, None] * along[of])
+    ways = segments[:, 1] - segments[:, 0]
+    places, of = _along(segments, STEP)
+    tree = cKDTree(places)
 
     def seek(points: Array, normals: Array) -> Array:
         del normals
-        candidates = of[tree.query(points, k=min(CANDIDATES, len(of)))[1].reshape(len(points), -1)]
-        start, way = segments[candidates, 0], along[candidates]
+        count = min(CANDIDATES, len(of))
+        candidates = of[tree.query(points, k=count)[1].reshape(len(points), count)]
+        start, way = segments[candidates, 0], ways[candidates]
         square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
         place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
         feet = start + place[..., None] * way
@@ -242,13 +244,20 @@ def _of_shape(contour: Contour, points: Array, feet: Array, away: Array) -> list
     return [f"is up to {short_length(float(away[worst]))} off, {place}{size}"]
 
 
-def strays(wanted: Sequence[CutLine], segments: Array) -> Mask:
-    """Tell which pieces of lines (k, 2, 2) are none of the wanted lines, nor near one that is misplaced."""
-    middles = segments.mean(axis=1)
-    if not len(middles):
-        return np.zeros(0, dtype=bool)
-    feet = seek_among(pieces_of([line.contour for line in wanted]))(middles, middles)
-    return np.asarray(~(np.linalg.norm(feet - middles, axis=1) < FARTHEST))
+def _along(segments: Array, spacing: float) -> tuple[Array, Indices]:
+    """Points (m, 2) along straight pieces (k, 2, 2), their ends among them, and the index of the piece of each."""
+    way = segments[:, 1] - segments[:, 0]
+    count = np.clip(np.ceil(np.linalg.norm(way, axis=1) / spacing), 1, MOST_SAMPLES).astype(int) + 1
+    of = np.repeat(np.arange(len(segments)), count)
+    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count - 1, count)
+    return segments[of, 0] + share[:, None] * way[of], of
+
+
+def strays(segments: Array, wanted: Array, misplaced: bool = False) -> Mask:
+    """Tell which straight pieces (m, 2, 2) of lines leave all wanted ones (k, 2, 2), which may be misplaced."""
+    points, of = _along(segments, CLAIMED)
+    away = np.linalg.norm(seek_among(wanted)(points, points) - points, axis=1)
+    return np.bincount(of[~(away < (FARTHEST if misplaced else CLAIMED))], minlength=len(segments)) > 0
 
 
 def sampled(contour: Contour) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ of a row has no seam on its left.
 
 # tests: tests/verification/test_check.py tests/verification/test_flat.py
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
@@ -22,16 +22,12 @@ from markergen.geometry.region import Region
 from markergen.guard import Content, in_child
 from markergen.model.body import Body
 from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
-from markergen.verification.pdf_parser import FINEST
+from markergen.verification.pdf_parser import CUT, FINEST
 from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
-from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters, round_shape
-from markergen.verification.words import MOST_LISTED
+from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters, round_shape, sentences_of
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
-
-CUT = "cut"
-"""Name of the layer of lines to be cut."""
 
 ROUNDED = 0.6
 """Tolerance in pixels of a page of pixels: half of one, by which dots move if programs round its size, and some."""
@@ -114,7 +110,8 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         tolerance = tolerance_of(min(finest, FINEST), ROUNDED)
         note = f"pictures of {25.4 * finest:.0f} dpi without paths: places are allowed {1e6 * tolerance:.0f} um"
         return Reading("PDF", tuple(drawn), tolerance, notes=(note,))
-    return Reading("PDF", pages, twice=tuple(_twice(pages)))
+    again = [shape for values in reply.values["pages"] for shape in values["again"]]
+    return Reading("PDF", pages, twice=tuple(sentences_of(again, body)))
 
 
 def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, body: Body, name: str) -> Page:
@@ -123,14 +120,6 @@ def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, 
     if not grey.size:
         return Page(np.zeros((0, 3)))
     return pixel_page(np.ascontiguousarray(np.rot90(grey, values["turn"])), values["shown"], body, name)
-
-
-def _twice(pages: Sequence[Page]) -> Iterator[str]:
-    """What is painted again in the same place."""
-    for page in pages:
-        circles, count = np.unique(np.round(page.circles, 3), axis=0, return_counts=True)
-        for x, y, _ in circles[count > 1][:MOST_LISTED].tolist():
-            yield f"the circle around x {x:.4g}, y {y:.4g} mm of the page is there twice"
 
 
 def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:

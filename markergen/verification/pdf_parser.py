@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.read.outlines.curves import Bezier
-from markergen.verification.reading import FARTHEST, FLATTEST, circles_of, round_shape
+from markergen.verification.reading import FARTHEST, FLATTEST, Painted, circles_of, painted_again, round_shape
 
 MM_PER_POINT = 25.4 / 72
 """The unit of a PDF is 1/72 inch."""
@@ -43,6 +43,9 @@ FINE, COARSE = 50, 1000
 
 LEAST_ARC, LONGEST_ARM = 12, 20.0
 """Minimum number of points of an outline with a piece of a circle; maximum length in mm of a registration mark."""
+
+CUT = "cut"
+"""Name of the layer of lines to be cut."""
 
 TEXT = "text"
 """Layer whose filled paths are not read: most of a sheet's curves are in its letters, which the picture shows."""
@@ -114,9 +117,9 @@ class _Parser:
         outlines = list[_Outline]()
         self.finest = 0.0
         self._objects(page.raw, outlines)
-        circles, corners, arcs = self._filled(outlines, tiled)
-        lines = [outline.lines for outline in outlines if outline.stroked]
-        layers = [outline.layer for outline in outlines if outline.stroked]
+        circles, corners, arcs, again = self._filled(outlines, tiled)
+        drawn = [outline for outline in outlines if outline.stroked or self.layers[outline.layer] == CUT]
+        lines, layers = [outline.lines for outline in drawn], [outline.layer for outline in drawn]
         self.pages.append(
             {
                 "size": [(media[2] - media[0]) * MM_PER_POINT, (media[3] - media[1]) * MM_PER_POINT],
@@ -125,6 +128,7 @@ class _Parser:
                 "turn": int(page.get_rotation()) // 90,
                 "trim": trims,
                 "image": self.finest,
+                "again": again,
             }
         )
         self.arrays |= {
@@ -215,6 +219,10 @@ class _Parser:
             return
         is_read = bool(stroke.value) or self.layers[layer] != TEXT
         count = max(pdfium.FPDFPath_CountSegments(item), 0) if is_read else 0
+        levels = [ctypes.c_uint() for _ in range(4)]
+        pdfium.FPDFPageObj_GetFillColor(item, *levels)
+        # What is left of the budget is another number for each path.
+        path, paint = self.budget, int.from_bytes(bytes(level.value & 255 for level in levels), "big")
         self._spend(count)
         off = FILLED_OFF if mode.value else STROKED_OFF
         (a, c, e), (b, d, f) = matrix[:2].tolist()
@@ -224,7 +232,7 @@ class _Parser:
             kind = pdfium.FPDFPathSegment_GetType(segment) if segment else pdfium.FPDF_SEGMENT_MOVETO
             if kind == pdfium.FPDF_SEGMENT_MOVETO:
                 if len(points) > 1:
-                    yield _Outline(np.array(points), bool(mode.value), bool(stroke.value), closed, layer)
+                    yield _Outline(np.array(points), bool(mode.value), bool(stroke.value), closed, layer, path, paint)
                 points, bend, closed = [], [], False
             if segment is None:
                 return
@@ -240,10 +248,12 @@ class _Parser:
 
     def _filled(
         self, outlines: "list[_Outline]", tiled: bool
-    ) -> tuple[list[tuple[float, float, float]], list[Array], list[Array]]:
-        """Circles among the filled outlines, the corners of the others, and with tiles those that may hold arcs."""
+    ) -> tuple[list[tuple[float, float, float]], list[Array], list[Array], list[tuple[float, float, float]]]:
+        """Circles of the filled outlines, corners of the others, those of tiles that may hold arcs, and repeats."""
         circles, others, arcs = list[tuple[float, float, float]](), list[Array](), list[Array]()
-        for points in (outline.points for outline in outlines if outline.filled and len(outline.points) >= 3):
+        painted = list[Painted]()
+        for outline in (outline for outline in outlines if outline.filled and len(outline.points) >= 3):
+            points = outline.points
             sides = np.ptp(points, axis=0)
             circle = None
             if sides.min() >= FLATTEST * sides.max():
@@ -251,6 +261,7 @@ class _Parser:
                 if self.rounds < 0:
                     raise InputError(f"at most {MOST_ROUND} small shapes", "more", "verify a smaller file")
                 circle = round_shape(points)
+            painted.append(Painted(points, outline.path, outline.paint, circle))
             if circle is not None:
                 circles.append(circle)
                 continue
@@ -258,18 +269,20 @@ class _Parser:
             others.append(points[is_good])
             if tiled and len(points) >= LEAST_ARC and is_good.all():
                 arcs.append(points)
-        return circles, others, arcs
+        return circles, others, arcs, [] if tiled else painted_again(painted)
 
 
 @dataclass(frozen=True, eq=False)
 class _Outline:
-    """Part of a path: points (m, 2) in mm, how it is painted, and the index of its layer."""
+    """Part of a path: points (m, 2) in mm, how it is painted, the index of its layer, number and color of the path."""
 
     points: Array
     filled: bool
     stroked: bool
     closed: bool
     layer: int
+    path: int = 0
+    paint: int = 0
 
     @property
     def lines(self) -> Array:

@@ -2,9 +2,10 @@
 
 # tests: tests/verification/test_check.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.result import Check
+from markergen.verification.words import MOST_LISTED
 
 PRINTABLE = 20e-6
 """Default tolerance in m: less than printers and cutters show, more than programs round when they save a file."""
@@ -28,6 +30,9 @@ FARTHEST = 1e7
 
 ROUND = 0.02
 """Maximum deviation of a round outline from its ellipse, as a share of the radius."""
+
+SMALLEST, SAME = 0.5, 0.02
+"""Minimum size in mm of a shape that may be there twice, and maximum distance of its sides from those of the other."""
 
 FLATTEST = 0.8
 """Minimum ratio of the semi-axes of an ellipse that counts as a stretched circle."""
@@ -203,6 +208,50 @@ def round_shape(points: Array) -> tuple[float, float, float] | None:
     if np.abs(off).max() > ROUND or abs(area / (np.pi * radius**2) - 1) > 4 * ROUND:
         return None
     return float(middle[0] + size * center[0]), float(middle[1] + size * center[1]), size * radius
+
+
+class Painted(NamedTuple):
+    """A filled outline (m, 2) in mm, the number of its path, its color, and its circle if it is one."""
+
+    points: Array
+    path: int
+    paint: str | int
+    circle: tuple[float, float, float] | None
+
+
+def painted_again(shapes: Sequence[Painted]) -> list[tuple[float, float, float]]:
+    """What is painted where its color is already: its middle, mm, and the radius of the circle that it lies in.
+
+    The radius is 0 for outlines with the box of another one. Those of one path, as of a ring, belong together.
+    """
+    from scipy.spatial import cKDTree
+
+    boxes = np.array([[*shape.points.min(axis=0), *shape.points.max(axis=0)] for shape in shapes]).reshape(-1, 4)
+    large = np.flatnonzero(np.isfinite(boxes).all(axis=1) & ((boxes[:, 2:] - boxes[:, :2]).max(axis=1) > SMALLEST))
+    shapes, boxes = [shapes[k] for k in large.tolist()], boxes[large]
+    if len(shapes) < 2:
+        return []
+    middles = (boxes[:, :2] + boxes[:, 2:]) / 2
+    pairs = [(k, j, 0.0) for k, j in sorted(cKDTree(boxes).query_pairs(SAME))]
+    tree = cKDTree(middles)
+    for k, (x, y, radius) in ((k, shape.circle) for k, shape in enumerate(shapes) if shape.circle):
+        inside = sorted(set(tree.query_ball_point((x, y), radius)) - {k})
+        pairs += [(k, j, radius) for j in inside
+                  if np.linalg.norm(shapes[j].points - (x, y), axis=1).max() <= radius + SAME]  # fmt: skip
+    again = {j: radius for k, j, radius in reversed(pairs)
+             if shapes[k].paint == shapes[j].paint and shapes[k].path != shapes[j].path}  # fmt: skip
+    return [(*middles[j].tolist(), radius) for j, radius in sorted(again.items())]
+
+
+def sentences_of(again: Sequence[Sequence[float]], body: Body) -> list[str]:
+    """Sentences about what is painted again, in circles of the size of dots: a ground is larger."""
+    largest = max(circle_diameters(body))
+    return [
+        f"the shape around x {x:.4g}, y {y:.4g} mm of the page "
+        + ("is there twice" if not radius else "is in a dot of its color")
+        for x, y, radius in again
+        if radius < largest
+    ][:MOST_LISTED]
 
 
 def circles_of(rows: list[tuple[float, float, float]], name: str) -> Array:

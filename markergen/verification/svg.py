@@ -23,10 +23,19 @@ from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
-from markergen.read.outlines.svg import SVG, is_filled, parse_svg
+from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg
 from markergen.verification.picture import PagePicture
-from markergen.verification.reading import READERS, Page, Reading, Settings, circles_of, round_shape
-from markergen.verification.words import MOST_LISTED
+from markergen.verification.reading import (
+    READERS,
+    Page,
+    Painted,
+    Reading,
+    Settings,
+    circles_of,
+    painted_again,
+    round_shape,
+    sentences_of,
+)
 
 PATIENCE = 10
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
@@ -74,17 +83,16 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
         circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0
-        painted = set[tuple[object, ...]]()
-        twice = list[str]()
+        painted = list[Painted]()
         for piece in drawing.pieces:
             assert piece.look is not None
             filled = is_filled(piece.look.style)
-            if not filled:
+            on_cut = any(layer.split(" (")[0] == CUT for layer in piece.look.layers)
+            if on_cut or not filled:
                 points = np.concatenate([curve.flatten(OFF / scale) for curve in piece.curves]) * factor
                 ends = np.concatenate([points[1:], points[:1]])
                 pieces = np.stack([points, ends], axis=1)
                 lines.append(pieces if piece.closed else pieces[:-1])
-                on_cut = any(layer.split(" (")[0] == CUT for layer in piece.look.layers)
                 cut += [on_cut] * len(lines[-1])
             points = np.concatenate([curve.sketch() for curve in piece.curves]) * factor
             sides = np.ptp(points, axis=0)
@@ -96,11 +104,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 fine = float(sides.max()) / FINE / scale
                 points = np.concatenate([curve.flatten(fine) for curve in piece.curves]) * factor
                 circle = round_shape(points)
-            key = (*np.round([*points.min(axis=0), *sides], 3).tolist(), piece.look.style["fill"], len(piece.curves))
-            if key in painted and sides.max() > 1:
-                x, y = points.min(axis=0) + sides / 2
-                twice.append(f"the {brief(piece.name)} around x {x:.4g}, y {-y:.4g} mm of the page is there twice")
-            painted.add(key)
+            # Pieces of one shape have the same look.
+            painted.append(Painted(points, id(piece.look), _paint_of(piece.look.style, filled), circle))
             if circle and (filled or not any(cut[-1:])):
                 circles.append(circle)
             elif len(points) >= 3:
@@ -116,7 +121,16 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
-    return Reading("SVG", (page,), twice=tuple(twice[:MOST_LISTED]))
+    return Reading("SVG", (page,), twice=tuple(sentences_of(painted_again(painted), body)))
+
+
+def _paint_of(style: Style, filled: bool) -> str:
+    """What a shape is painted with, however its color is written."""
+    from PIL import ImageColor
+
+    text = style["fill" if filled else "stroke"]
+    is_color = text.startswith("#") or text in ImageColor.colormap
+    return str(("fill" if filled else "stroke", ImageColor.getcolor(text, "RGBA") if is_color else text))
 
 
 def _unpacked(data: bytes, name: str) -> bytes:

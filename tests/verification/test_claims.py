@@ -7,8 +7,10 @@ from io import BytesIO
 
 import numpy as np
 import pypdfium2
+import pypdfium2.raw as raw
 import pytest
-from damaged_sheets import drawn, grey
+from damaged_sheets import POINTS, dot_two, drawn, grey, pages
+from damaged_sheets import box as box_of
 from spoiled_solids import glb, gltf, stl, triangles, with_model
 
 from markergen.errors import InputError
@@ -163,7 +165,18 @@ def in_paper_space(document, space):
     document.layout("Layout1").add_circle((0, 0), 6)
 
 
+def line_to_cut(document, space):
+    space.add_line((0, 45), (0, 70), dxfattribs={"layer": "CUT"})
+
+
+def cross_in_a_dot(document, space):
+    center = [part for part in space.query("CIRCLE") if abs(part.dxf.radius - 6) < 1e-6][1].dxf.center
+    space.add_line(center + (2, 0), center - (2, 0), dxfattribs={"layer": "ENGRAVE"})
+
+
 ENTITIES = {
+    "line to cut from the outline": (line_to_cut, "outline"),
+    "cross in a dot": (cross_in_a_dot, "extra"),
     "circle in paper space": (in_paper_space, "covered"),
     "circle twice, as arcs": (twice_as_arcs, "twice"),
     "outline beside itself": (outline_beside, "twice"),
@@ -289,6 +302,46 @@ def test_everything_twice_in_its_place_is_named(marker, files, tmp_path):
     dots = re.search(r'<g id="dots".*?</g>', files[".svg"].decode(), re.DOTALL)[0]
     more = files[".svg"].decode().replace("</svg>", re.sub(r'id="[^"]*"', "", dots) + "</svg>")
     assert kinds(check_of(marker, tmp_path, ".svg", more.encode())) == {"twice"}
+
+
+DOT = re.compile(r'<circle id="dot-2" cx="([^"]*)" cy="([^"]*)"[^>]*/>')
+AGAIN = {
+    "as arcs": "M{0},{1} m6,0 a6,6 0 0 1 -12,0 a6,6 0 0 1 12,0 Z",
+    "as halves": "M{0},{1} m6,0 a6,6 0 0 1 -12,0 Z",
+    "smaller": "M{0},{1} m5,0 a5,5 0 0 1 -10,0 a5,5 0 0 1 10,0 Z",
+    "as a square": "M{0},{1} h3 v3 h-3 Z",
+}
+
+
+@pytest.mark.parametrize("name", AGAIN)
+def test_what_is_drawn_in_a_dot_of_its_color_is_named(marker, files, tmp_path, name):
+    text = files[".svg"].decode()
+    path = f'<path d="{AGAIN[name].format(*DOT.search(text).groups())}" fill="black"/>'
+    check = check_of(marker, tmp_path, ".svg", text.replace("</svg>", f"{path}</svg>").encode())
+    assert kinds(check) == {"twice"}, check.findings
+
+
+def test_dots_on_the_layer_of_the_cuts_are_named(marker, files, tmp_path):
+    data = files[".svg"].replace(b'inkscape:label="dots"', b'inkscape:label="cut"')
+    assert kinds(check_of(marker, tmp_path, ".svg", data)) == {"outline"}
+
+
+@pytest.mark.parametrize("size", [12, 4])
+def test_what_is_drawn_in_a_dot_of_a_pdf_is_named(marker, files, tmp_path, size):
+    def draw(page):
+        left, bottom, right, top = box_of(dot_two(page))
+        x, y, r = (left + right) / 2, (bottom + top) / 2, size / 2 * POINTS
+        path = raw.FPDFPageObj_CreateNewPath(x + r, y)
+        bend = 0.5523 * r
+        raw.FPDFPath_BezierTo(path, x + r, y + bend, x + bend, y + r, x, y + r)
+        raw.FPDFPath_BezierTo(path, x - bend, y + r, x - r, y + bend, x - r, y)
+        raw.FPDFPath_BezierTo(path, x - r, y - bend, x - bend, y - r, x, y - r)
+        raw.FPDFPath_BezierTo(path, x + bend, y - r, x + r, y - bend, x + r, y)
+        raw.FPDFPath_SetDrawMode(path, 1, 0)
+        raw.FPDFPage_InsertObject(page.raw, path)
+
+    check = check_of(marker, tmp_path, ".pdf", pages(draw)(files[".pdf"]))
+    assert "twice" in kinds(check), check.findings
 
 
 @pytest.mark.parametrize(
