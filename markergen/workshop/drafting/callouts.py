@@ -261,6 +261,7 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawi
     to = " to " + ", ".join(letters(datums))
     rows = [("where nothing is stated", general)]
     rows.append(("face A", f"flatness {millimeters(accuracy.flatness)}"))
+    rows.append(("back of the plate", f"parallelism {millimeters(accuracy.flatness)} to A"))
     rows.append(("thickness of the plate", f"{PLUS_MINUS}{millimeters(accuracy.thickness)}"))
     if accuracy.position:
         what = "axes of pockets" if accuracy.play else "centers of dots"

@@ -20,6 +20,7 @@ from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, l
 from markergen.workshop.drafting.drawing import (
     BackText,
     Callout,
+    Control,
     Dimension,
     DotLabel,
     DrawingTable,
@@ -96,6 +97,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         listed=any(outline.plate for outline in listed_outlines(marker, made)),
         face=made.face,
         flatness=flat(made),
+        parallelism=Control("parallelism", flat(made).zone, ("A",)),
         datums=datums,
         labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
         holes=tuple(DotLabel(hole.label, hole.x, hole.y, max(hole.radius, hole.sink)) for hole in holes),

@@ -215,6 +215,8 @@ class Workpiece:
     face : float
         Height of the plate's upper face.
     flatness : Control
+    parallelism : Control or None
+        Of the back; None for a face of a body, whose other faces have their own.
         Tolerance of that face.
     datums : tuple of Datum
         The first is that face.
@@ -236,6 +238,7 @@ class Workpiece:
     listed: bool
     face: float
     flatness: Control
+    parallelism: Control | None
     datums: tuple[Datum, ...]
     labels: tuple[DotLabel, ...]
     holes: tuple[DotLabel, ...]

@@ -43,6 +43,7 @@ from markergen.workshop.drafting.drawing import (
     Control,
     Dimension,
     DrawingTable,
+    SectionView,
     TitleBlock,
     ViewFace,
     Workpiece,
@@ -205,6 +206,35 @@ def face_works(rig: Rig, fabrication: Fabrication, made: MadeBody) -> list[Workp
         block = replace(work.block, title=f"{plate.name}: {work.block.title}", name=f"{rig_name(rig)}, {plate.name}")
         works.append(replace(work, block=block))
     return works
+
+
+def in_common(works: Sequence[Workpiece], notes: Sequence[str]) -> Workpiece:
+    """What the drawings of a body's faces say together: what is the same of all once, and the rest by face.
+
+    Its notes are those of the whole, and then those of the faces.
+    """
+    # Each face says where its geometry is, too.
+    sentences = [*(note for note in notes if note != STEP), *(note for work in works for note in work.notes)]
+    tables, sections = dict[object, tuple[DrawingTable, list[str]]](), dict[object, tuple[SectionView, list[str]]]()
+    for work in works:
+        face = work.block.name.partition(", ")[2]
+        for table in work.tables:
+            tables.setdefault((table.title, table.headings, table.rows), (table, []))[1].append(face)
+        for section in work.sections:
+            texts = tuple(dimension.text for dimension in (*section.across, *section.upright))
+            sections.setdefault((section.title, texts), (section, []))[1].append(face)
+
+    def titled(title: str, faces: Sequence[str]) -> str:
+        return f"{title}, of each face" if len(faces) == len(works) else f"{', '.join(faces)}: {title}"
+
+    order = list(dict.fromkeys(table.title for table, _ in tables.values()))
+    in_order = sorted(tables.values(), key=lambda pair: order.index(pair[0].title))
+    return replace(
+        works[0],
+        tables=tuple(replace(table, title=titled(table.title, faces)) for table, faces in in_order),
+        sections=tuple(replace(section, title=titled(section.title, faces)) for section, faces in sections.values()),
+        notes=tuple(dict.fromkeys(sentences)),
+    )
 
 
 def _lines(made: MadeBody) -> tuple[str, ...]:
@@ -523,6 +553,7 @@ def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -
         side=side,
         sections=sections,
         tables=tables,
+        parallelism=None,
         heights=(Dimension(foot, face.height, f"({millimeters(face.height - foot)})"),),
     )
 

@@ -30,7 +30,7 @@ from markergen.drawing.text import text_width
 from markergen.errors import InputError
 from markergen.geometry.region import line_distances
 from markergen.workshop.drafting.details import SCALES, stacked, stacked_at
-from markergen.workshop.drafting.drawing import Callout, Workpiece, around, millimeters
+from markergen.workshop.drafting.drawing import Callout, Control, Workpiece, around, millimeters
 from markergen.workshop.drafting.pen import (
     CLOSE,
     THIN,
@@ -248,7 +248,27 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     left, bottom, right, top = layout.side.box(around(work.side))
     edges = Line(((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)), THIN)
     avoided = [edges, *(shape for shape in sizes if isinstance(shape, Line))]
-    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks, avoided)
+    west, south, east, _ = view.box(around(work.front))
+    free = (drawing_area(frame)[0], south, west - _around(work, style).left - 2 * style.scale, layout.callouts[3])
+    at_left = [callout for callout in work.callouts if _is_left(callout, view, (west + east) / 2, free, style)]
+    flipped = [replace(callout, places=tuple((-x, y, r) for x, y, r in callout.places)) for callout in at_left]
+    placed = _placed(flipped, _room(work.callouts, view, free, style, marks, avoided).mirrored()) if at_left else []
+    if not placed or max(best.cost for _, best in placed) >= HIT:
+        at_left, placed = [], []
+    for number, (callout, best) in enumerate(placed, 1):
+        start = free[2] - callout_width(callout, style)
+        tip, elbow, (_, level) = [(-x, y) for x, y in best.run]
+        end = start + phrase_width(callout.lines[0], style.words) + 1.2 * style.scale, level
+        shapes += [*leader(tip, elbow, end, style), *_written(callout, start, best.top, style, f"left-{number}")]
+        avoided.append(Line((tip, elbow, end), THIN))
+    others = [callout for callout in work.callouts if callout not in at_left]
+    return shapes + place_callouts(others, _room(work.callouts, view, layout.callouts, style, marks, avoided))
+
+
+def _is_left(callout: Callout, view: DrawingView, middle: float, free: Box, style: Style) -> bool:
+    """Tell whether a callout is about features on the left alone, and there is room for its words on that side."""
+    is_left = all(view.at((x + r, y))[0] < middle for x, y, r in callout.places)
+    return is_left and callout_width(callout, style) <= free[2] - free[0]
 
 
 def _reach(work: Workpiece) -> Box:
@@ -400,7 +420,7 @@ def _ordered(a: float, b: float) -> tuple[float, float]:
 
 
 def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
-    """Datum letters of the face, of edges and of a rim, and the face's flatness; those of holes are in callouts."""
+    """Datum letters of the face, of edges and of a rim, and tolerances of face and back; others are in callouts."""
     front, side, height = layout.front, layout.side, style.words
     left, bottom, _, _ = front.box(around(work.front))
     first = _around(work, style).first
@@ -412,12 +432,22 @@ def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]
             # An extension line of the face, with the arrow of its tolerance on it.
             shapes.append(Line(((start - style.scale, level), (left - 0.8 * style.scale, level)), THIN))
             shapes += face_datum(datum.letter, work.flatness, (start, level), level + 2.4 * height, style)
+            if work.parallelism:
+                right, foot = side.box(around(work.side))[2], side.at((0.0, around(work.side)[1]))[1]
+                shapes += _back_control(work.parallelism, (right - 2 * style.scale, foot), style)
         elif datum.kind == "edge":
             shapes += datum_letter(datum.letter, front.at(datum.at), datum.out, height)
         elif datum.kind == "rim":
             # On the line of the diameter: the datum is the axis.
             shapes += datum_letter(datum.letter, (left, bottom - first), (-1.0, 0.0), height)
     return shapes
+
+
+def _back_control(control: Control, tip: Point, style: Style) -> list[Shape]:
+    """Tolerance of a back that is seen as a line, with an arrow from the right end of its frame up to `tip`."""
+    height = style.words
+    frame = tolerance_frame(control, tip[0] - frame_width(control, height), tip[1] - 2.6 * height, height)
+    return [Line((tip, (tip[0], bounds(frame[0])[3])), THIN), arrow(tip, (0.0, 1.0), style), *frame]
 
 
 SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
@@ -460,35 +490,29 @@ class _Room:
     circles: Array
     segments: Array
 
+    def mirrored(self) -> "_Room":
+        """The same on the other side of the page's left edge, for words to the left of the view."""
+        left, bottom, right, top = self.column
+        flip = np.array([-1.0, 1.0, 1.0])
+        return _Room(
+            DrawingView(-self.view.x, self.view.y, self.view.scale), (-right, bottom, -left, top), self.gap, self.style,
+            self.circles * flip, self.segments * flip[:2],
+        )  # fmt: skip
 
-def place_callouts(
-    callouts: Sequence[Callout],
-    view: DrawingView,
-    column: Box,
-    style: Style,
-    marks: Sequence[Box] = (),
-    lines: Sequence[Line] = (),
-) -> list[Shape]:
-    """Place the words and leaders of callouts; those with the fewest features to point at choose first.
 
-    Parameters
-    ----------
-    view : DrawingView
-        View that the leaders point into.
-    column : box
-        Column for the words, mm on paper; leaders start on its left.
-    marks, lines : sequence
-        Boxes of words, and lines on paper, that leaders should avoid.
-    """
+def _room(
+    callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box],
+    lines: Sequence[Line],
+) -> _Room:  # fmt: skip
     circles = np.array([(*view.at((x, y)), view.scale * r) for callout in callouts for x, y, r in callout.places])
-    room = _Room(
-        view,
-        column,
-        1.4 * style.words,
-        style,
-        np.concatenate([circles.reshape(-1, 3), _as_circles(marks)]),
-        np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2),
-    )
+    segments = np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2)
+    around_features = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
+    return _Room(view, column, 1.4 * style.words, style, around_features, segments)
+
+
+def place_callouts(callouts: Sequence[Callout], room: _Room) -> list[Shape]:
+    """Place the words and leaders of callouts; those with the fewest features to point at choose first."""
+    column, style = room.column, room.style
     placed = _placed(callouts, room)
     while placed is None:
         # One below the other, in the order of what they point at, and smaller if there are too many.
@@ -669,10 +693,10 @@ def _side(a: Array, b: Array, point: Array) -> Array:
 
 
 def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
-    """Number of segments of a leader that lie on the x axis or close to it."""
+    """Number of segments of a leader that lie on the x axis or nearly along it."""
     axis = view.at((0.0, 0.0))[1]
     legs = ((run[0], run[1]), (run[1], run[2]))
-    return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)
+    return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 4 and abs(b[0] - a[0]) > 5 for a, b in legs)
 
 
 def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Point, Point]]) -> int:

@@ -24,7 +24,7 @@ from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
 from markergen.workshop.drafting.pen import THIN, Lettering, Style, scale_words
-from markergen.workshop.drafting.rig_drawing import RigWork, face_works, rig_page, rig_work
+from markergen.workshop.drafting.rig_drawing import RigWork, face_works, in_common, rig_page, rig_work
 from markergen.workshop.drafting.title_block import drawing_title_block
 from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
 from markergen.workshop.formats.solids import solid_notes
@@ -62,8 +62,13 @@ def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Ou
 
 
 def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tuple[str, ...]]:
-    parts = [sheets_of_rig(rig_work(rig, options.fabrication, made), options.sheet)]
-    parts += [sheets_of(work, options.sheet) for work in face_works(rig, options.fabrication, made)]
+    works = face_works(rig, options.fabrication, made)
+    # Faces of one body have most in common; plates are made one by one.
+    whole = rig_work(rig, options.fabrication, made)
+    faces = in_common(works, whole.notes) if made.block else None
+    parts = [sheets_of_rig(whole, faces, options.sheet)]
+    parts += [Sheets(work.block, front_page(work, options.sheet), []) if faces else sheets_of(work, options.sheet)
+              for work in works]  # fmt: skip
     name = rig_name(rig)
     data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
     pages = sum(sheets.count for sheets in parts)
@@ -110,8 +115,8 @@ def sheets_of(work: Workpiece, options: SheetOptions) -> Sheets:
     return Sheets(work.block, front, _best_pages(lambda *room: _blocks(work, *room), front.frame))
 
 
-def sheets_of_rig(work: RigWork, options: SheetOptions) -> Sheets:
-    """Lay the drawing of a whole rig out on pages; raises as `write_fabrication_sheet` does."""
+def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions) -> Sheets:
+    """Lay out the drawing of a whole rig, with what its faces have in common; raises as `write_fabrication_sheet`."""
     _embed_fonts()
     front = rig_page(work, options)
 
@@ -123,6 +128,8 @@ def sheets_of_rig(work: RigWork, options: SheetOptions) -> Sheets:
             for table, (span, room) in zip(work.tables, rooms, strict=True)
             for piece in _split(table, room, height, style)
         ]
+        if faces is not None:
+            return [*tables, *_blocks(faces, width, height, style, columns, gap)]
         return [*tables, *_notes(work.notes, width, height, style)]
 
     return Sheets(work.block, front, _best_pages(blocks, front.frame))
@@ -213,7 +220,10 @@ def _pages(blocks: Blocks, frame: Frame, density: float, level: float = 1.0) -> 
 def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
     """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
     pieces = [_split(table, width, height, style) for table in work.tables]
-    dots, *tables = ([_measured(_table(piece, width, style), width) for piece in group] for group in pieces)
+    groups = [[_measured(_table(piece, width, style), width) for piece in group] for group in pieces]
+    # Several faces have a table of dots each.
+    count = sum(table.headings == work.tables[0].headings for table in work.tables)
+    dots, tables = [table for group in groups[:count] for table in group], groups[count:]
     sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
     back = []
     if work.back:

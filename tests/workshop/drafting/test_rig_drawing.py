@@ -33,8 +33,12 @@ def test_the_first_sheets_are_of_the_whole_and_the_others_of_the_faces(pages):
     assert f"1 of {len(pages)}" in pages[0]
     assert "of the faces, mm" in pages[1]
     assert "parallelism 0.3 to R" in pages[1]
-    for k in range(6):
-        assert any(f"plate {k}: Fiducial marker" in page for page in pages[2:])
+    # What is the same of all faces stands once, and then each has one sheet.
+    assert "Tolerances, mm, of each face" in "".join(pages[1:-6])
+    assert "".join(pages).count("Key") == 1
+    for k, page in enumerate(pages[-6:]):
+        assert f"plate {k}: Fiducial marker" in page
+        assert f"plate {k}: Centers of the dots" in "".join(pages[1:-6])
     assert not any("Print face down" in page or "thickness of" in page for page in pages)
 
 

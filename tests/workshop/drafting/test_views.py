@@ -10,7 +10,7 @@ from workpieces import GRID, MARKERS, case, described, ngon
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import FilledPath, Line, bounds
 from markergen.errors import InputError
-from markergen.model.boundary import Polygon
+from markergen.model.boundary import Circle, Polygon
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
 from markergen.workshop.drafting.pen import DARK, Lettering
@@ -167,6 +167,23 @@ def test_leaders_keep_off_dots_where_they_can():
     assert abs(level[1][0] - level[0][0]) > 100
     rows = {front.origin[1] + 500 * y for y in GRID[:, 1].tolist()}
     assert min(abs(row - level[0][1]) for row in rows) > 4.5
+
+
+def test_words_about_features_on_the_left_stand_there_where_there_is_room():
+    pins = tuple(Hole(0.03 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
+    marker = case(ngon(6, 0.05), Circle(0.06), 0.012, holes=pins)
+    front = front_of(marker, SheetOptions("A3-landscape"), process="cnc")
+    check_inside(front)
+    named = {shape.name: bounds(shape) for shape in front.shapes if isinstance(shape, Lettering)}
+    assert named["left-1-0"][2] < front.origin[0] - 60
+
+
+def test_the_back_is_parallel_to_the_face(front):
+    work = described(front[0])
+    assert (work.parallelism.symbol, work.parallelism.datums) == ("parallelism", ("A",))
+    _, bottom, right, _ = bounds(next(s for s in front[1].shapes if getattr(s, "name", "") == "side-words"))
+    below = [bounds(s) for s in texts(front[1]) if s.text == work.parallelism.zone and bounds(s)[0] > right]
+    assert any(box[1] < bottom for box in below)
 
 
 @pytest.mark.long
