@@ -28,7 +28,7 @@ from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
 from markergen.studio.state import KEPT, Options, design_of, plain_options, points_as_text, spec_of_options
 from markergen.validation.bounds import budget_of
-from markergen.validation.error_to_plan_with import cells_of, plan_for
+from markergen.validation.error_to_plan_with import cells_of, plan_of
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
 from markergen.validation.sentences import limit_sentences, marker_plan
@@ -308,8 +308,8 @@ def more(options: Any) -> dict[str, Any]:
     state = plain_options(options)
     state = _with_points(state, sketch(state).spec)
     design, layout = design_of(state), sketch(state)
-    series, seed = layout.series, layout.spec.seed
-    sentence, *checks = marker_plan(plan_for(expect(series, seed=seed), series, 0.0, seed))
+    series = layout.series
+    sentence, *checks = marker_plan(plan_of(expect(series, seed=layout.spec.seed), series))
     planned = planned_error_of(design.marker.provenance)
     return clean(
         {

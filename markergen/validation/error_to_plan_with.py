@@ -29,21 +29,24 @@ SERIES, LOOKUPS = 4000, 20_000_000
 _KEYS = ("rotation_deg", "translation_mm")
 
 
+def plan_of(expected: Expectation, series: SyntheticViews[Marker]) -> dict[str, Any]:
+    """`headline` for a series, with what it takes as ``exact``."""
+    errors = series.errors
+    is_calibrated = errors.camera_covariance is not None
+    source = source_of(1e3 * errors.print_sigma, is_calibrated, series.marker.places_measured)
+    return headline(expected, series.poses, source) | {"exact": _exact(series)}
+
+
 def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
-    """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
+    """`plan_of` a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
     ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
     RMS over all poses of ``rotation_deg`` and ``translation_pct`` with this calibration.
     """
-    errors, camera = series.errors, series.camera
-    calibrated = errors.camera_covariance is not None
-    plan = headline(
-        expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated, series.marker.places_measured)
-    )
-    plan |= {"exact": _exact(series), "calibration": None}
-    if not calibrated:
-        sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
-        off = replace(series, errors=replace(errors, camera_covariance=np.diag(np.square(sigma))))
+    plan = plan_of(expected, series) | {"calibration": None}
+    if series.errors.camera_covariance is None:
+        sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(series.camera.distortion.coefficients)
+        off = replace(series, errors=replace(series.errors, camera_covariance=np.diag(np.square(sigma))))
         over_all = _cell(expect(off, bare_px, seed), series.poses, np.ones(len(series.poses), dtype=bool))
         plan["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
             key: over_all[key] for key in ("rotation_deg", "translation_pct")
