@@ -110,7 +110,7 @@ class PaperResults:
     joint: Mapping[tuple[str, int], Result]
     methods: Mapping[tuple[float, int], PoseLayouts]
     limits: Mapping[int, Result]
-    settling: Mapping[int, Result]
+    settling: Mapping[int, Mapping[str, NDArray[Any]]]
 
     def table(self, name: str, noise_px: float, n: int) -> PoseLayouts:
         """Largest table with layouts optimized under that name."""
@@ -136,9 +136,9 @@ def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResult
         if cell.kind == CONDITIONED:
             extent = "beside" if len(settings["optimized"]) == len(OBJECTIVE_OF) else "full"
             blocks[extent, settings["noise_px"], settings["n"]].append((settings["poses"], result))
-        elif cell.kind == METHODS:
-            blocks[METHODS, settings["noise_px"], settings["n"]].append((settings["poses"], result))
-        elif cell.kind in (LIMITS, SETTLING):
+        elif cell.kind in (METHODS, SETTLING):
+            blocks[cell.kind, settings.get("noise_px", 0.0), settings["n"]].append((settings["poses"], result))
+        elif cell.kind == LIMITS:
             others[cell.kind][settings["n"]] = result
         elif cell.kind == DESCENT:
             others[cell.kind][settings["camera"]] = result
@@ -160,7 +160,7 @@ def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResult
         others[JOINT],
         of(METHODS),
         others[LIMITS],
-        others[SETTLING],
+        {n: table.arrays for (_, n), table in of(SETTLING).items()},
     )
 
 

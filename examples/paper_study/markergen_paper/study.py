@@ -46,14 +46,17 @@ from markergen_paper.options import (
 from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv, tables_of
 from markergen_paper.results import PaperResults, gather
 
-TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.013, 0.02, 1e-3, 70
+TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.5e-4, 0.013, 0.02, 1e-3, 70
 """Seconds on one core for a trial with all estimators, for a set of layouts under one pose however few they are, for
 the descents under one pose together, and for each of them; number of steps of the displayed descent.
 """
 
 SEARCH_S = {"metric": 0.03, "unit": 0.03, "pixel": 0.09, "hartley": 0.01, "pose": 0.01, "homography": 0.01}
-AUTOGRAD_S = 20.0
-"""Seconds on one core for one pose of a search over many, by what is minimized, and for one that needs autograd."""
+AUTOGRAD_S, AUTOGRAD = 35.0, 4
+"""Seconds on one core for one pose of a search over many, by what is minimized, and for one that needs autograd; factor
+of a descent that does. Ratios of all these constants count: on a slow processor cells of every kind take 1.3 to 2.2
+times as long, and forecasts follow what the first ones take.
+"""
 
 CELL_S = 25.0
 """Target duration of a cell in s: short enough to lose little, long enough to make its overhead negligible."""
@@ -61,7 +64,7 @@ CELL_S = 25.0
 FURTHER_S = 2.6e-4
 """Seconds on one core for a trial with all estimators of `methods`."""
 
-STEPS_S, STEP_S = 1.4e-4, 7e-6
+STEPS_S, STEP_S = 2.8e-4, 1.4e-5
 """Seconds on one core for a step of all descents under a pose together, and for each of them."""
 SETTLING_STEPS = 1000
 """Number of steps of all routines together."""
@@ -165,8 +168,10 @@ def cells_of(options: PaperOptions) -> list[Cell]:
         *_joint(options),
         *_methods(options),
         *(
-            _cell(SETTLING, options, n=n, poses=list(chain(*_half(options))), starts=_further(SETTLING_STARTS, options))
+            _cell(SETTLING, options, n=n, poses=list(chain(*blocks)), starts=_further(SETTLING_STARTS, options))
             for n in NUMBERS
+            for blocks in (_half(options)[::2], _half(options)[1::2])
+            if blocks
         ),
         *(
             _cell(LIMITS, options, n=n, poses=options.fewer_poses, starts=options.fewer) for n in EARLY_NUMBERS
@@ -235,7 +240,8 @@ def seconds_of(cell: Cell) -> float:
     if cell.kind == DESCENT:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY:
-        return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
+        factor = AUTOGRAD if settings["coordinates"] == "hartley" else 1
+        return len(settings["poses"]) * factor * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
     if cell.kind == METHODS:
         trials = 3 * settings["starts"] * settings["runs"]
         fixed = 2 * SET_S + DESCENTS_S
@@ -243,7 +249,7 @@ def seconds_of(cell: Cell) -> float:
     if cell.kind == SETTLING:
         return len(settings["poses"]) * SETTLING_STEPS * (STEPS_S + settings["starts"] * STEP_S)
     if cell.kind == LIMITS:
-        return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
+        return 4 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     for_a_pose = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
     needs_autograd = settings["layout"] == "hartley" and settings.get("restarts", RESTARTS) > FEW_RESTARTS
