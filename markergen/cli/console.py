@@ -69,7 +69,7 @@ def progress_bar() -> Iterator["Progress"]:
 
 @contextmanager
 def status_line(first: str) -> Iterator[Callable[[str], None]]:
-    """Yield a callback for a line that is shown on stderr until the next one comes; nothing is shown in a log."""
+    """Yield a callback for a line that is shown on stderr until the next one or the end; nothing is shown in a log."""
     from rich.console import Console
     from rich.live import Live
     from rich.spinner import Spinner
@@ -151,19 +151,6 @@ def _left(seconds: float) -> str:
     return "" if isnan(seconds) else f"{duration(seconds)} left"
 
 
-@contextmanager
-def busy(status: str) -> Iterator[None]:
-    """Show on stderr that something without countable steps is in progress."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if console.is_terminal and not Silence.on:
-        with console.status(status):
-            yield
-    else:
-        yield
-
-
 def _silent(*_: object) -> None:
     """Show nothing."""
 
@@ -200,11 +187,6 @@ def is_stdout(json: Path | None) -> bool:
 def file_of(json: Path | None) -> Path | None:
     """Return the file that ``--json`` names, if any."""
     return None if is_stdout(json) else json
-
-
-def is_shown(json: Path | None) -> bool:
-    """Return whether anything of a result is printed, as JSON or for people."""
-    return is_stdout(json) or not Silence.on
 
 
 def print_result(

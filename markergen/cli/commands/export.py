@@ -55,6 +55,6 @@ def export(
     from markergen.api.export import export as write
     from markergen.presentation.results import Files
 
-    with console.busy("writing"):
+    with console.status_line("writing"):
         written = write(marker, *output, json=console.file_of(json), **options)
     console.print_result(Files(written), json)
