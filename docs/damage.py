@@ -66,6 +66,7 @@ def damages() -> Iterator[tuple[str, str]]:
     yield from ((".glb", "looks") for _ in test_claims.GLTF)
     yield from ((".3mf", "looks") for _ in test_claims.PRINTED)
     yield from ((".svg", "marks") for _ in test_printed.CHANGES)
+    yield from ((".svg", "extra") for _ in test_printed.INSIDE)
     yield from ((suffix, (kinds or "value").split()[0]) for suffix, _, _, kinds in test_remade.DAMAGES)
 
 

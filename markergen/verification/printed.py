@@ -17,9 +17,11 @@ from markergen.drawing.paper import PAPERS, SheetOptions
 from markergen.drawing.scene import Line, Sheet, bounds
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
+from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
+from markergen.verification.lines import sheet_lines
 from markergen.verification.picture import PagePicture
-from markergen.verification.words import Finding
+from markergen.verification.words import REMOVE, Finding
 
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""
@@ -29,6 +31,9 @@ MEASURED = r"ruler|check-[xy]|number-|ax[ei]s"
 
 DARK, LEAST = 0.3, 0.2
 """Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
+
+SPARSE, FINE = 2, 0.1
+"""Pixels from one place to the next that is looked at inside of the outline, and accuracy in mm of this."""
 
 COARSE = 0.15
 """Size of a pixel in mm from which letters are not compared: at 150 dpi, in black and white, they have holes."""
@@ -62,7 +67,12 @@ def _own(marker: Marker, size: tuple[float, float], compensate: bool) -> tuple[S
 
 
 def printed_findings(
-    marker: Marker, compensate: bool, size: tuple[float, float] | None, picture: PagePicture, motion: Motion
+    marker: Marker,
+    compensate: bool,
+    size: tuple[float, float] | None,
+    picture: PagePicture,
+    motion: Motion,
+    has_others: bool,
 ) -> list[Finding]:
     """Findings about what is measured and read on a page with one marker.
 
@@ -74,6 +84,8 @@ def printed_findings(
         Of the page, mm.
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
+    has_others : bool
+        True if there are other dots, which are reported by themselves and have numbers.
     """
     sheet_of_ours = _own(marker, size, compensate) if size is not None else None
     if sheet_of_ours is None:
@@ -94,7 +106,27 @@ def printed_findings(
         and wanted.differs(np.array(bounds(shape)))
     ]
     called = dict.fromkeys(_called(name) for name in changed)
-    return [Finding("marks", f"{name} not as printed by us", "export the sheet again") for name in called]
+    findings = [Finding("marks", f"{name} not as printed by us", "export the sheet again") for name in called]
+    places = wanted.extra(_inside(marker, origin, expected.shape))
+    if not (findings or has_others) and len(places) * (SPARSE * 25.4 / DPI) ** 2 > LEAST:
+        x, y = np.median(places - origin, axis=0)
+        sentence = f"there is ink inside of the outline that is not the marker's, around x {x:.4g}, y {y:.4g} mm"
+        findings.append(Finding("extra", sentence, REMOVE))
+    return findings
+
+
+def _inside(marker: Marker, origin: Array, shape: tuple[int, ...]) -> Mask:
+    """Pixels of our sheet inside of the outline, but for the lines to cut, which are whole if a machine cuts them."""
+    import cv2
+
+    inside = np.zeros(shape, dtype=np.uint8)
+    rings = list[NDArray[np.int32]]()
+    for line in sheet_lines(marker):
+        ring = (np.array(flattened(line.contour, FINE)) + origin) * DPI / 25.4
+        rings.append(np.column_stack([ring[:, 0], shape[0] - ring[:, 1]]).round().astype(np.int32))
+        cv2.fillPoly(inside, rings[-1:], int(not line.hole))
+    cv2.polylines(inside, rings, True, 0, thickness=int(DPI / 25.4))
+    return np.asarray(inside > 0)
 
 
 def reads_upright(marker: Marker, box: Sequence[float], picture: PagePicture) -> bool | None:
@@ -140,6 +172,15 @@ class _Page:
         rows, columns = np.nonzero(ink)
         chosen = np.linspace(0, max(len(rows) - 1, 0), PLACES).astype(int)
         return float((self._darkness(rows[chosen], columns[chosen]) > DARK).mean()) if len(rows) else 0.0
+
+    def extra(self, inside: Mask) -> Array:
+        """Places (k, 2) in mm on our sheet, of a grid in an area, with ink that ours does not have nearby."""
+        import cv2
+
+        ours = cv2.dilate((self.expected < 230).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=2)
+        rows, columns = SPARSE * np.array(np.nonzero((inside & (ours == 0))[::SPARSE, ::SPARSE]))
+        is_dark = self._darkness(rows, columns) > DARK
+        return np.column_stack([columns, len(self.expected) - rows])[is_dark] * 25.4 / DPI
 
     def differs(self, box: Array) -> bool:
         """Tell whether ink is missing, or more, in a box (left, bottom, right, top) in mm."""

@@ -1,7 +1,10 @@
 """What users measure and read on a sheet is compared with our own."""
 
+import base64
 import re
 
+import cv2
+import numpy as np
 import pytest
 from damaged_sheets import DPI, grey
 
@@ -53,6 +56,30 @@ def test_what_is_measured_is_looked_at(marker, sheets, tmp_path, name):
     assert changed != text
     check = check_of(marker, tmp_path, ".svg", changed.encode())
     assert {finding.kind for finding in check.findings} == {"marks"}, check.findings
+
+
+BLACK = base64.b64encode(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()).decode()
+INSIDE = {
+    "circle": '<circle cx="74" cy="99" r="2"/>',
+    "image": f'<image x="72" y="97" width="4" height="4" href="data:image/png;base64,{BLACK}"/>',
+}
+
+
+@pytest.mark.parametrize("name", INSIDE)
+def test_ink_inside_of_the_outline_is_extra(marker, sheets, tmp_path, name):
+    data = sheets[".svg"].replace(b"</svg>", f"{INSIDE[name]}</svg>".encode())
+    check = check_of(marker, tmp_path, ".svg", data)
+    assert [finding.kind for finding in check.findings] == ["extra"], check.findings
+
+
+def test_pixels_inside_of_the_outline_are_extra(marker, sheets, tmp_path):
+    def blot(levels):
+        left, right, top, bottom = (int(side * DPI / 25.4) for side in (72, 76, 97, 101))
+        levels[top:bottom, left:right] = 0
+        return levels
+
+    check = check_of(marker, tmp_path, ".png", grey(blot)(sheets[".png"]))
+    assert [finding.kind for finding in check.findings] == ["extra"], check.findings
 
 
 def test_a_ruler_without_its_line_in_pixels(marker, sheets, tmp_path):
