@@ -442,26 +442,26 @@ class _Program:
         """
         fields, region = self.fields, self.region
         value, inset = fields.polynomial(cut), region.inset - _SLACK
-        slopes = (np.pad(chebyshev.chebder(value, axis=axis), ((0, axis == 0), (0, axis == 1))) for axis in (0, 1))
-        value_and_slopes = value, *slopes
-        # Markov: |T_i'| <= i^2 and |T_i''| <= i^2 (i^2 - 1) / 3.
-        first, size = np.arange(len(value)) ** 2.0, np.abs(value)
-        second = first * (first - 1) / 3
-        bends = second @ size.sum(axis=1), 2 * (first @ size @ first), size.sum(axis=0) @ second
+        slopes = [_derivative(value, axis) for axis in (0, 1)]
+        # No Chebyshev polynomial exceeds 1.
+        xx, xy, yy = (np.abs(_derivative(slopes[i], j)).sum() for i, j in ((0, 0), (0, 1), (1, 1)))
 
-        def at(places: Array, half: Array) -> tuple[Array, Array]:
-            """Values of u (C,), and their upper bounds within a distance of `half`, in units of the room, by axis."""
+        def at(places: Array, reach: Array, outward: Array) -> tuple[Array, Array]:
+            """Values of u (C,), and their upper bounds within a distance of `reach`, in units of the room, by axis.
+
+            For places on the edge of a convex room with a normal that is `outward` (C, 2), within the room alone.
+            """
             x, y = ((places - fields.middle) / fields.half).T
-            covered, slope, bend = _cap(places, caps, prices, self.pitch, float(np.hypot(*(half * fields.half))))
+            covered, slope, bend = _cap(places, caps, prices, self.pitch, float(np.hypot(*(reach * fields.half))))
             # Faster than chebval2d, fivefold.
             by_x, by_y = (chebyshev.chebvander(axis, len(value) - 1) for axis in (x, y))
             seen = np.stack(
-                [np.einsum("cd,cd->c", by_x @ coefficients, by_y) for coefficients in value_and_slopes], axis=-1
+                [np.einsum("cd,cd->c", by_x @ coefficients, by_y) for coefficients in (value, *slopes)], axis=-1
             )
-            here, gradient = seen[:, 0] - covered, seen[:, 1:] - slope * fields.half
-            curved = np.array([half[0] ** 2, half[0] * half[1], half[1] ** 2]) @ bends
-            curved = curved + bend * np.sum((half * fields.half) ** 2)
-            return here, here + np.abs(gradient) @ half + curved / 2
+            here, gradient = seen[:, 0] - covered, seen[:, 1:] / fields.half - slope
+            gradient = gradient - outward * np.maximum(np.sum(gradient * outward, axis=1, keepdims=True), 0.0)
+            curved = reach @ np.array([[xx, xy], [xy, yy]]) @ reach + bend * np.sum((reach * fields.half) ** 2)
+            return here, here + np.abs(gradient) @ (reach * fields.half) + curved / 2
 
         count = np.maximum(np.ceil(BOXES * fields.half / fields.half.max()), 1).astype(int)
         axes = [(2 * np.arange(k) + 1) / k - 1 for k in count]
@@ -473,9 +473,15 @@ class _Program:
             if not len(centers):
                 return best + tolerance, more[0]
             self.boxes += len(centers)
-            (here, upper), inner = at(centers, half), region.boundary.project(centers, region.inset)
+            (here, upper), inner = at(centers, half, 0 * centers), region.boundary.project(centers, region.inset)
             moved = np.any(inner != centers, axis=1)
-            here[moved] = at(inner[moved], 0 * half)[0]
+            here[moved] = at(inner[moved], 0 * half, 0 * inner[moved])[0]
+            if len(region.walls) == 1:
+                # At the edge, u may be largest where it still grows outward.
+                crossing = region.boundary.depth(centers) < inset + radius
+                outward = centers[crossing] / np.linalg.norm(centers[crossing], axis=1, keepdims=True)
+                from_edge = at(outward * (region.boundary.radius - inset), half + radius / fields.half, outward)[1]
+                upper[crossing] = np.minimum(upper[crossing], from_edge)
             inside = region.boundary.depth(inner) >= inset
             inner, here = inner[inside], here[inside]
             best = max(best, float(here.max(initial=-np.inf)))
@@ -490,6 +496,11 @@ class _Program:
         peaks = np.concatenate(more)
         chosen = _apart(peaks, np.concatenate(score), least, self.pitch / 20)
         return max(best + tolerance, float(upper.max()), 0.0), peaks[chosen]
+
+
+def _derivative(coefficients: Array, axis: int) -> Array:
+    """Chebyshev coefficients (d + 1, d + 1) of the derivative of a polynomial with these, by one coordinate."""
+    return np.pad(chebyshev.chebder(coefficients, axis=axis), ((0, axis == 0), (0, axis == 1)))
 
 
 def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float) -> tuple[Array, Array, Array]:

@@ -17,6 +17,7 @@ by +d and -d, and the fit removes the part in the span of its Jacobian.
 """
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -50,6 +51,9 @@ LISTED = 8
 
 ANGLES, ANGLES_OF_MANY = 180, 360
 """Number of rotation angles tried; more for many dots, which are closer together."""
+
+ASSIGNED_AT_ONCE = 100_000
+"""Number of distances between dots that are computed at a time."""
 
 KEPT = 16
 """Number of labelings per pose fitted in each round, in addition to the best for each dot."""
@@ -310,15 +314,18 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
 
     n = len(scene.points)
     strange = np.where(scene.kinds[:, None] != scene.kinds, 1e6, 0.0)
-    angles = np.arange(ANGLES_OF_MANY if n > MANY else ANGLES) * (2 * np.pi / (ANGLES_OF_MANY if n > MANY else ANGLES))
+    count = ANGLES_OF_MANY if n > MANY else ANGLES
+    cosine, sine = (function(np.arange(count) * (2 * np.pi / count)) for function in (np.cos, np.sin))
+    rotations = np.moveaxis(np.array([[cosine, sine], [-sine, cosine]]), -1, 0)
     layout = _whitened(scene.points[:, :2])
     labelings, poses = [], []
     for pose in at:
         seen = _whitened(scene.rays[pose] * [1, -1])
         by_labeling: dict[bytes, tuple[float, Indices]] = {}
-        for angle in angles:
-            turned = layout @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-            cost = np.sum((turned[:, None] - seen) ** 2, axis=-1) + strange
+        # All at once would take 60 MB for 100 dots.
+        parts = np.array_split(rotations, 1 + count * n**2 // ASSIGNED_AT_ONCE)
+        costs = (np.sum(((layout @ part)[:, :, None] - seen) ** 2, axis=-1) + strange for part in parts)
+        for cost in chain.from_iterable(costs):
             labeling = linear_sum_assignment(cost)[1]
             total = float(cost[scene.truth, labeling].sum())
             if total < 1e6 and (labeling != scene.truth).any():

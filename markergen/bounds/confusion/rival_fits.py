@@ -125,7 +125,7 @@ class SeenLayout:
 
     def fit(self, labeling: Indices, pose: Indices, rough: bool = False) -> Rivals:
         """Fit labelings (K, n) at poses (K,), from both poses whose affine map is nearest to the images."""
-        size = max(1, _AT_ONCE // (2 * len(self.points)))
+        size = max(1, _AT_ONCE // (4 * len(self.points)))
         parts = [slice(start, start + size) for start in range(0, max(1, len(labeling)), size)]
         fits = [self._fit(labeling[part], pose[part], rough) for part in parts]
         return Rivals(*(np.concatenate([getattr(part, field.name) for part in fits]) for field in fields(Rivals)))
@@ -137,16 +137,15 @@ class SeenLayout:
     def _fit(self, labeling: Indices, pose: Indices, rough: bool) -> Rivals:
         rays = np.take_along_axis(self.rays[pose], labeling[..., None], axis=1)
         starts, back = _starts(self.points, rays, self.edge_on)
-        best = self._fitted(labeling, pose, *starts[0], rough)
-        rows = np.arange(len(pose))
-        for index, (rotation, translation) in enumerate(starts[1:]):
-            chosen = rows if index == 0 else np.flatnonzero(back)
-            more = self._fitted(labeling[chosen], pose[chosen], rotation[chosen], translation[chosen], rough)
-            better = more.distance < best.distance[chosen]
-            source = rows.copy()
-            source[chosen[better]] = len(rows) + np.flatnonzero(better)
-            best = best.joined(more).take(source)
-        return best
+        every, backs = np.arange(len(pose)), np.flatnonzero(back)
+        rows = [every, every, backs, backs]
+        rotation, translation = (
+            np.concatenate([start[part][chosen] for start, chosen in zip(starts, rows, strict=True)]) for part in (0, 1)
+        )
+        source = np.concatenate(rows)
+        fitted = self._fitted(labeling[source], pose[source], rotation, translation, rough)
+        order = np.lexsort((fitted.distance, source))
+        return fitted.take(order[np.unique(source[order], return_index=True)[1]])
 
     def _fitted(self, labeling: Indices, pose: Indices, rotation: Array, translation: Array, rough: bool) -> Rivals:
         images = np.take_along_axis(self.images[pose], labeling[..., None], axis=1)
