@@ -115,9 +115,8 @@ def pose_jacobian_pullback(cotangent: Array, points: Array, rotation: Array, tra
     gradient = np.empty_like(turned)
     gradient[..., 0] = v * e2 - p * c1 - q * e1 - u * across
     gradient[..., 1] = p * c0 - u * c2 + q * e0 - v * along
-    gradient[..., 2] = (
-        u * (c1 - (c1 * z - c2 * y + d0) / depth) - v * (e0 + (e2 * x - e0 * z + f1) / depth)
-    ) - 2 * (p * across + q * along)
+    toward = u * (c1 - (c1 * z - c2 * y + d0) / depth) - v * (e0 + (e2 * x - e0 * z + f1) / depth)
+    gradient[..., 2] = toward - 2 * (p * across + q * along)
     return gradient @ rotation[:, :, : points.shape[-1]]
 
 
@@ -179,7 +178,7 @@ def flip_separation(rotation: Array, translation: Array, pose_covariance: Array)
 
 
 def _projected(turned: Array, translation: Array, focal: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Rotated points (3, ..., P, n), and u, v, p and q (..., P, n) of the rows (u, 0, p), (0, v, q) of `_image_rows`."""
+    """Rotated points (3, ..., P, n), and entries (..., P, n) of the rows (u, 0, p), (0, v, q) of `_image_rows`."""
     x, y, depth = np.moveaxis(turned + translation[:, None], -1, 0)
     u, v = focal[0] / depth, focal[1] / depth
     return np.moveaxis(turned, -1, 0), u, v, -u * x / depth, -v * y / depth

@@ -50,7 +50,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from markergen.arrays import Array
+from markergen.arrays import Array, Mask
 from markergen.maths.information import covariance
 from markergen.maths.rotation import turn_z
 from markergen.model.camera import NO_DISTORTION
@@ -84,9 +84,9 @@ objectives of plug-ins may be others."""
 WEAK = 0.05
 """Gap from which on a bound is called weak: fractions of dots gain much in that room."""
 
-ROUNDS, PATIENCE, TRIED, WORK = 60, 12, 3, 6_000_000
+ROUNDS, PATIENCE, TRIED, WORK = 60, 12, 6, 6_000_000
 """Maximum number of linear programs, of those in a row without a noticeable gain, where those judged in the whole room
-count thrice (once: 13 programs for 20 dots instead of 5, and a bound closer by 0.02 %), and of coefficients of all."""
+count as six (three: two programs more for 20 or 40 dots, and a bound closer by 0.03 %), and of coefficients of all."""
 
 NOTICEABLE = 0.98
 """Ratio of gaps that counts as a gain."""
@@ -116,10 +116,11 @@ SOFTNESS = 0.002
 """Final softness of aggregates with kinks."""
 
 COARSE = 10
-"""The first linear program has one candidate place, and one cap, in this many."""
+"""The first linear program has one candidate place, and one cap, in this many, unless places stand for orbits."""
 
-TURNS = 90
-"""Number of angles by which a layout in a disk is turned for the first measure."""
+TURNS, ORBIT = 90, 24
+"""Numbers of angles by which a layout in a disk is turned for the first measure, and by which each place and cap is
+turned, where that changes no sensitivity: linear programs are smaller by the square of it."""
 
 BOXES = 24
 """Number of boxes along the longer side of the room that branch and bound starts from."""
@@ -245,8 +246,8 @@ class _Fields:
         return np.concatenate(parts)[..., i, j].reshape(len(places), -1)
 
     def basis(self, places: Array) -> tuple[Array, Array]:
-        """Values (C, d + 1) of the Chebyshev polynomials of both coordinates at places (C, 2)."""
-        x, y = ((places - self.middle) / self.half).T
+        """Values (..., C, d + 1) of the Chebyshev polynomials of both coordinates at places (..., C, 2)."""
+        x, y = np.moveaxis((places - self.middle) / self.half, -1, 0)
         return chebyshev.chebvander(x, self._shape[0] - 1), chebyshev.chebvander(y, self._shape[1] - 1)
 
     def _values(self, moments: Array) -> tuple[Array, Array]:
@@ -329,15 +330,19 @@ class _Program:
         self.fields, self.region, self.n, self.square = fields, region, len(points), value**2
         self.pitch = max(region.spacing - _SLACK, 0.0)
         self.boxes = 0
-        self.places = np.concatenate([points, _candidates(region)])
-        self.basis = fields.basis(self.places)
-        self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
-        spread = [self._moments(self._design)]
+        self.turns, candidates = np.eye(2)[None], _candidates(region)
+        self.start = self._moments_at(points)
         if len(region.walls) == 1:
             # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
-            rotations = [turn_z(angle)[:2, :2] for angle in 2 * np.pi * np.arange(TURNS) / TURNS]
-            spread = [x.T @ y for x, y in (fields.basis(points @ rotation) for rotation in rotations)]
-        self.start = np.mean(spread, axis=0)
+            turns, orbit = (turn_z(2 * np.pi * np.arange(count) / count)[:, :2, :2] for count in (TURNS, ORBIT))
+            self.start = np.mean([self._moments_at(points @ rotation) for rotation in turns], axis=0)
+            x, y = fields.basis(candidates @ orbit)
+            seen = np.sum(x @ fields.polynomial(fields.sensitivity(self.start, 0.1)) * y, axis=-1) * self.square
+            if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2:
+                self.turns, candidates = orbit, candidates[_in_wedge(candidates, ORBIT)]
+        self.places = np.concatenate([points, candidates])
+        self.basis = fields.basis(self.places @ self.turns)
+        self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
 
     @property
     def accurate(self) -> bool:
@@ -345,16 +350,24 @@ class _Program:
         start = self.fields.sensitivity(self.start, 0.1) * self.square
         return self.n * self.fields.error(start) < ACCURATE
 
+    def _moments_at(self, places: Array) -> Array:
+        x, y = self.fields.basis(places)
+        return x.T @ y
+
     def _moments(self, weights: Array) -> Array:
-        x, y = self.basis
-        used = np.flatnonzero(weights)
-        return (x[used] * weights[used, None]).T @ y[used]
+        x, y = (values[:, weights > 0] for values in self.basis)
+        return np.asarray(np.einsum("tcx,c,tcy->xy", x, weights[weights > 0], y, optimize=True) / len(self.turns))
+
+    def _turned(self, places: Array, weights: Array) -> tuple[Array, Array]:
+        """Places (T C, 2) to which places (C, 2) are turned, and their shares of weights (C,)."""
+        return (places @ self.turns).reshape(-1, 2), np.tile(weights / len(self.turns), len(self.turns))
 
     def solve(self, progress: Progress | None) -> float:
         """Upper bound of A^-2 for n dots, in units of the layout's."""
         fields, moments, cuts, work = self.fields, self.start, list[Array](), 0
-        caps = self.places[::COARSE] if self.pitch else np.zeros((0, 2))
-        column = np.arange(len(self.places)) % COARSE == 0
+        coarse = max(COARSE // len(self.turns), 1)
+        caps = self.places[::coarse] if self.pitch else np.zeros((0, 2))
+        column = np.arange(len(self.places)) % coarse == 0
         column[: self.n] = True
         best, since = np.inf, 0
         for done in range(ROUNDS):
@@ -365,15 +378,14 @@ class _Program:
             solution = self._linear_program(seen, caps, np.flatnonzero(column))
             work += (len(cuts) + len(caps)) * int(column.sum())
             cut, priced = solution.shares @ cuts, solution.prices > 0
-            excess = (
-                solution.shares @ seen - _cap(self.places, caps[priced], solution.prices[priced], self.pitch, 0.0)[0]
-            )
+            around = self._turned(caps[priced], solution.prices[priced])
+            excess = solution.shares @ seen - _cap(self.places, *around, self.pitch, 0.0)[0]
             least = float(excess[column].max())
             bound = solution.prices.sum() + self.n * max(float(excess.max()), 0.0)
             before, more, since = best, np.zeros((0, 2)), since + 1
             if bound - 1 < (best - 1) * NOTICEABLE:
                 tolerance = max(CLOSE / 2, (bound - 1) / 20) / self.n
-                highest, more = self._highest(cut, caps[priced], solution.prices[priced], least, tolerance)
+                highest, more = self._highest(cut, *around, least, tolerance)
                 best = min(best, float(solution.prices.sum() + self.n * (highest + fields.error(cut))))
                 since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + TRIED - 1
             crowded = self._crowded(solution.weights)
@@ -381,7 +393,7 @@ class _Program:
             if is_due() or best < reached + CLOSE or since >= PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
                 break
             used = solution.weights > 0
-            load = _cap(caps, self.places[used], solution.weights[used], self.pitch, 0.0)[0]
+            load = _cap(caps, *self._turned(self.places[used], solution.weights[used]), self.pitch, 0.0)[0]
             caps = np.concatenate([caps[load > SLACKEST], crowded])
             outside = np.where(column, -np.inf, excess)
             column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
@@ -389,21 +401,22 @@ class _Program:
             moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
             column = np.append(column, np.ones(len(more), dtype=bool))
             self.places = np.concatenate([self.places, more])
-            self.basis = fields.basis(self.places)
+            self.basis = fields.basis(self.places @ self.turns)
         if progress:
             progress("lower bound", ROUNDS, ROUNDS)
         return best
 
     def _at_places(self, cut: Array) -> Array:
         x, y = self.basis
-        return np.sum(x @ self.fields.polynomial(cut) * y, axis=1)
+        return np.asarray(np.sum(x @ self.fields.polynomial(cut) * y, axis=-1).mean(axis=0))
 
     def _linear_program(self, seen: Array, caps: Array, column: Index) -> "_Solution":
         """Maximize the smallest bound over the weights of the places in columns."""
         from scipy.optimize import linprog
         from scipy.sparse import csc_array
 
-        cover = _overlap(caps, self.places[column], self.pitch)
+        turned = self.places[column] @ self.turns
+        cover = sum(_overlap(caps, places, self.pitch) for places in turned) / len(turned)
         # At most n in total: where dots are jammed, places for exactly n would make the multipliers huge.
         rows = np.concatenate([-seen[:, column], cover, np.ones((1, len(column)))])
         epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps) + 1))
@@ -427,12 +440,13 @@ class _Program:
         """Centers (c, 2) of caps that a measure violates."""
         if not self.pitch:
             return np.zeros((0, 2))
-        used = np.flatnonzero(weights > 1e-9)
-        held = self.places[used]
+        used = weights > 1e-9
+        held, weights = self._turned(self.places[used], weights[used])
         i, j = np.triu_indices(len(held), 1)
         is_close = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
         centers = np.concatenate([(held[i[is_close]] + held[j[is_close]]) / 2, held, self.places])
-        load = _cap(centers, held, weights[used], self.pitch, 0.0)[0]
+        centers = centers[_in_wedge(centers, len(self.turns))]
+        load = _cap(centers, held, weights, self.pitch, 0.0)[0]
         return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]
 
     def _highest(self, cut: Array, caps: Array, prices: Array, least: float, tolerance: float) -> tuple[float, Array]:
@@ -493,9 +507,16 @@ class _Program:
             half = half / 2
             offsets = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * half * fields.half
             centers = (centers[left, None] + offsets).reshape(-1, 2)
-        peaks = np.concatenate(more)
-        chosen = _apart(peaks, np.concatenate(score), least, self.pitch / 20)
+        peaks, scores = np.concatenate(more), np.concatenate(score)
+        peaks, scores = (values[_in_wedge(peaks, len(self.turns))] for values in (peaks, scores))
+        chosen = _apart(peaks, scores, least, self.pitch / 20)
         return max(best + tolerance, float(upper.max()), 0.0), peaks[chosen]
+
+
+def _in_wedge(places: Array, count: int) -> Mask:
+    """Mask (C,) of places (C, 2) that represent all when turned by multiples of a full turn / `count`."""
+    angle = np.arctan2(places[:, 1], places[:, 0]) % (2 * np.pi)
+    return np.asarray((angle < 2 * np.pi / count) | (count == 1))
 
 
 def _derivative(coefficients: Array, axis: int) -> Array:
@@ -514,7 +535,9 @@ def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float)
     i, j, distance = pairs["i"], pairs["j"], pairs["v"]
     along = np.clip((distance - pitch / 2) / delta, -1.0, 1.0)
     steep = prices[j] * (np.abs(along) - 1) / (delta * np.maximum(distance, 1e-12))
-    ramp = np.abs(distance - pitch / 2) < delta + radius
+    # Beyond half the pitch, the negative of a cap bends upward only around its center, by at most 2 / (pitch delta).
+    bends = np.where(distance - pitch / 2 < radius, 1.0, 2 * delta / pitch)
+    ramp = bends * (np.abs(distance - pitch / 2) < delta + radius)
 
     def total(parts: Array) -> Array:
         return np.bincount(i, parts, len(places)).astype(float)

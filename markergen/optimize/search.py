@@ -363,14 +363,17 @@ class Stages:
         grid, spare = _grid(region, n, rng)
         end_if_due()
         guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
-        ends: list[Ranked] = []
+        ends, by_start = list[Ranked](), dict[bytes, Ranked]()
         for done in range(starts):
             self.tell("exchange", done, starts)
             begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
-            layout = self.exchange(guide, spacing, begin)
-            if rough.nonsmooth:
-                layout = descend(rough, region, layout[None], record=self.record).points[0]
-            ends.append(self.quick(layout))
+            # Where dots jam, all starts are the same.
+            if begin.tobytes() not in by_start:
+                layout = self.exchange(guide, spacing, begin)
+                if rough.nonsmooth:
+                    layout = descend(rough, region, layout[None], record=self.record).points[0]
+                by_start[begin.tobytes()] = self.quick(layout)
+            ends.append(by_start[begin.tobytes()])
             self.shown(ends)
         self.tell("exchange", starts, starts)
         candidates = best_of(ends, kept)
