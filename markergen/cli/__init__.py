@@ -1,5 +1,6 @@
 """The command line: thin commands and no logic. A library exception becomes one line and status 2."""
 
+import gc
 import io
 import logging
 import os
@@ -29,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # The matrices here are tiny and come in batches: threads inside the linear algebra only cost time and memory.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # By default, a tenth of the time of a design is spent on looking for garbage among modules being imported.
+    gc.set_threshold(50_000)
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug, Silence.on, whole = (flag in arguments for flag in ("--debug", "--quiet", "--help-all"))
     WARNINGS.setLevel(logging.ERROR if Silence.on else logging.WARNING)
