@@ -37,7 +37,9 @@ def separating_gap(
         If more poses than that share see the plane edge-on.
     """
     slopes = np.nan_to_num(image_slopes(image_jacobian(places, camera, poses), poses))
-    narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1].min(axis=1)
+    (a, b), (c, d) = np.moveaxis(slopes, (-2, -1), (0, 1))
+    larger = (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)) / 2
+    narrow = (np.abs(a * d - b * c) / np.maximum(larger, 1e-300)).min(axis=1)
     worst = np.sort(narrow)[int(share * len(poses) + 1e-9)]
     if not worst:
         raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")

@@ -139,7 +139,7 @@ def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:
 
 def _turns(angles: Array) -> Array:
     """Matrices (..., 2, 2) that turn rows of points."""
-    return np.stack([turn_z(angle)[:2, :2].T for angle in angles])
+    return turn_z(angles)[..., :2, :2].swapaxes(-1, -2)
 
 
 def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
