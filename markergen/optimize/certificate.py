@@ -118,9 +118,9 @@ SOFTNESS = 0.002
 COARSE = 10
 """The first linear program has one candidate place, and one cap, in this many, unless places stand for orbits."""
 
-TURNS, ORBIT = 90, 24
-"""Numbers of angles by which a layout in a disk is turned for the first measure, and by which each place and cap is
-turned, where that changes no sensitivity: linear programs are smaller by the square of it."""
+ORBIT = 24
+"""Number of angles by which a layout in a disk is turned for the first measure, and by which each place and cap is
+turned where that changes no sensitivity: linear programs are smaller by the square of it, and bounds closer."""
 
 BOXES = 24
 """Number of boxes along the longer side of the room that branch and bound starts from."""
@@ -314,15 +314,6 @@ class _Fields:
         return float(errors.min(axis=0).sum())
 
 
-@dataclass(frozen=True)
-class _Solution:
-    """Weights (C,) of places, shares of the bounds with sum 1, and multipliers of the caps."""
-
-    weights: Array
-    shares: Array
-    prices: Array
-
-
 class _Program:
     """Linear programs whose multipliers give a bound; values are in units of that of the layout, A^-2 in its own."""
 
@@ -330,17 +321,15 @@ class _Program:
         self.fields, self.region, self.n, self.square = fields, region, len(points), value**2
         self.pitch = max(region.spacing - _SLACK, 0.0)
         self.boxes = 0
-        self.turns, candidates = np.eye(2)[None], _candidates(region)
-        self.start = self._moments_at(points)
-        if len(region.walls) == 1:
-            # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
-            turns, orbit = (turn_z(2 * np.pi * np.arange(count) / count)[:, :2, :2] for count in (TURNS, ORBIT))
-            self.start = np.mean([self._moments_at(points @ rotation) for rotation in turns], axis=0)
-            x, y = fields.basis(candidates @ orbit)
-            seen = np.sum(x @ fields.polynomial(fields.sensitivity(self.start, 0.1)) * y, axis=-1) * self.square
-            if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2:
-                self.turns, candidates = orbit, candidates[_in_wedge(candidates, ORBIT)]
-        self.places = np.concatenate([points, candidates])
+        # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
+        angles = np.arange(ORBIT if len(region.walls) == 1 else 1) * (2 * np.pi / ORBIT)
+        turns, candidates = turn_z(angles)[:, :2, :2], _candidates(region)
+        x, y = fields.basis(points @ turns)
+        self.start = np.einsum("tcx,tcy->xy", x, y) / len(turns)
+        x, y = fields.basis(candidates @ turns)
+        seen = np.sum(x @ fields.polynomial(fields.sensitivity(self.start, 0.1)) * y, axis=-1) * self.square
+        self.turns = turns if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2 else turns[:1]
+        self.places = np.concatenate([points, candidates[_in_wedge(candidates, len(self.turns))]])
         self.basis = fields.basis(self.places @ self.turns)
         self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
 
@@ -349,10 +338,6 @@ class _Program:
         """True if the error of the interpolation is far below the gaps that matter."""
         start = self.fields.sensitivity(self.start, 0.1) * self.square
         return self.n * self.fields.error(start) < ACCURATE
-
-    def _moments_at(self, places: Array) -> Array:
-        x, y = self.fields.basis(places)
-        return x.T @ y
 
     def _moments(self, weights: Array) -> Array:
         x, y = (values[:, weights > 0] for values in self.basis)
@@ -375,29 +360,29 @@ class _Program:
                 progress("lower bound", done, ROUNDS)
             cuts.append(fields.sensitivity(moments, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
             seen = np.array([self._at_places(cut) for cut in cuts])
-            solution = self._linear_program(seen, caps, np.flatnonzero(column))
+            weights, shares, prices = self._linear_program(seen, caps, np.flatnonzero(column))
             work += (len(cuts) + len(caps)) * int(column.sum())
-            cut, priced = solution.shares @ cuts, solution.prices > 0
-            around = self._turned(caps[priced], solution.prices[priced])
-            excess = solution.shares @ seen - _cap(self.places, *around, self.pitch, 0.0)[0]
+            cut, priced = shares @ cuts, prices > 0
+            around = self._turned(caps[priced], prices[priced])
+            excess = shares @ seen - _cap(self.places, *around, self.pitch, 0.0)[0]
             least = float(excess[column].max())
-            bound = solution.prices.sum() + self.n * max(float(excess.max()), 0.0)
+            bound = prices.sum() + self.n * max(float(excess.max()), 0.0)
             before, more, since = best, np.zeros((0, 2)), since + 1
             if bound - 1 < (best - 1) * NOTICEABLE:
                 tolerance = max(CLOSE / 2, (bound - 1) / 20) / self.n
                 highest, more = self._highest(cut, *around, least, tolerance)
-                best = min(best, float(solution.prices.sum() + self.n * (highest + fields.error(cut))))
+                best = min(best, float(prices.sum() + self.n * (highest + fields.error(cut))))
                 since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + TRIED - 1
-            crowded = self._crowded(solution.weights)
+            crowded = self._crowded(weights)
             reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
             if is_due() or best < reached + CLOSE or since >= PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
                 break
-            used = solution.weights > 0
-            load = _cap(caps, *self._turned(self.places[used], solution.weights[used]), self.pitch, 0.0)[0]
+            used = weights > 0
+            load = _cap(caps, *self._turned(self.places[used], weights[used]), self.pitch, 0.0)[0]
             caps = np.concatenate([caps[load > SLACKEST], crowded])
             outside = np.where(column, -np.inf, excess)
             column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
-            target = self._moments(solution.weights)
+            target = self._moments(weights)
             moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
             column = np.append(column, np.ones(len(more), dtype=bool))
             self.places = np.concatenate([self.places, more])
@@ -410,8 +395,11 @@ class _Program:
         x, y = self.basis
         return np.asarray(np.sum(x @ self.fields.polynomial(cut) * y, axis=-1).mean(axis=0))
 
-    def _linear_program(self, seen: Array, caps: Array, column: Index) -> "_Solution":
-        """Maximize the smallest bound over the weights of the places in columns."""
+    def _linear_program(self, seen: Array, caps: Array, column: Index) -> tuple[Array, Array, Array]:
+        """Weights (C,) of the places, shares of the bounds with sum 1, and multipliers of the caps.
+
+        They maximize the smallest bound over the weights of the places in columns.
+        """
         from scipy.optimize import linprog
         from scipy.sparse import csc_array
 
@@ -430,21 +418,22 @@ class _Program:
         )
         if result.x is None:
             # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
-            return _Solution(self._design, np.eye(len(seen))[0], np.zeros(len(caps)))
+            return self._design, np.eye(len(seen))[0], np.zeros(len(caps))
         weights, prices = np.zeros(len(self.places)), np.maximum(-result.ineqlin.marginals, 0.0)
         weights[column] = np.maximum(result.x[:-1], 0.0)
         shares = prices[: len(seen)]
-        return _Solution(weights, shares / shares.sum(), prices[len(seen) : -1])
+        return weights, shares / shares.sum(), prices[len(seen) : -1]
 
     def _crowded(self, weights: Array) -> Array:
         """Centers (c, 2) of caps that a measure violates."""
         if not self.pitch:
             return np.zeros((0, 2))
+        from scipy.spatial import cKDTree
+
         used = weights > 1e-9
         held, weights = self._turned(self.places[used], weights[used])
-        i, j = np.triu_indices(len(held), 1)
-        is_close = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
-        centers = np.concatenate([(held[i[is_close]] + held[j[is_close]]) / 2, held, self.places])
+        i, j = cKDTree(held).query_pairs(self.pitch, output_type="ndarray").T
+        centers = np.concatenate([(held[i] + held[j]) / 2, held, self.places])
         centers = centers[_in_wedge(centers, len(self.turns))]
         load = _cap(centers, held, weights, self.pitch, 0.0)[0]
         return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]

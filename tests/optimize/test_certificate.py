@@ -108,6 +108,44 @@ def test_no_more_than_one_dot_is_in_a_cap():
         assert certificate._overlap(centers, points, pitch).sum(axis=1).max() <= 1 + 1e-9
 
 
+def test_the_highest_place_of_a_disk_is_bounded_closely(criterion):
+    """At the edge, where u still grows outward, and inside, as sampled finely."""
+    region, rng = FeasibleRegion(Circle(0.15), 0.03, 0.003), np.random.default_rng(0)
+    points = regular_polygon(7, 0.13)
+    program = certificate._Program(certificate._Fields(criterion(region.boundary), region, 12), region, points, 1.0)
+    rim = regular_polygon(5000, region.boundary.radius - region.inset)
+    places = np.concatenate([rim, region.boundary.sample(20_000, region.inset, rng)])
+    x, y = program.fields.basis(places)
+    for one_sided in (points[:4], points):
+        along_x, along_y = program.fields.basis(one_sided)
+        cut = program.fields.sensitivity(along_x.T @ along_y, 0.1)
+        seen = np.sum(x @ program.fields.polynomial(cut) * y, axis=1)
+        caps, prices = region.sample(1, 9, rng)[0], rng.uniform(0, 0.2, 9) * seen.max()
+        for count in (0, 9):
+            u = seen - certificate._cap(places, caps[:count], prices[:count], program.pitch, 0.0)[0]
+            tolerance = 1e-3 * u.max()
+            highest, _ = program._highest(cut, caps[:count], prices[:count], -np.inf, tolerance)
+            assert u.max() <= highest <= u.max() + 2 * tolerance
+
+
+def test_orbits_bound_as_closely_as_single_places(setting, monkeypatch, criterion):
+    region, few, objective = (
+        FeasibleRegion(Circle(0.15), 0.05, 0.005),
+        criterion(Circle(0.15)),
+        OBJECTIVES["pose"](setting),
+    )
+    best = search(few, region, 12, np.random.default_rng(0), 2, rough=few).points
+    value, turns = float(objective(best[None])[0]), []
+    for judge in (objective, few):
+        program = certificate._Program(certificate._Fields(judge, region, 12), region, best, value)
+        turns.append(len(program.turns))
+    # The paper's poses are a grid of rolls, of which few of them keep only a part.
+    assert turns == [certificate.ORBIT, 1]
+    around = certify(objective, region, best)
+    monkeypatch.setattr(certificate, "ORBIT", 1)
+    assert certify(objective, region, best).lower_bound * 0.999 < around.lower_bound <= value
+
+
 def test_other_layouts_do_not_break_the_bound(rooms, criterion):
     region = FeasibleRegion(rooms["rectangle"], 0.03, 0.003)
     found = attempt_to_break(criterion(rooms["rectangle"]), region, 7, 3000)
