@@ -30,7 +30,9 @@ ALL_PAIRS_UP_TO = 24
 
 REACH, ROUNDS = 0.15, 4
 """Otherwise, the maximum movement of a dot per round, as a fraction of the radius (half the spacing for many dots), and
-the number of rounds; only objects that it can touch are constraints: dozens of them instead of thousands."""
+the number of rounds; only objects that it touches within half of that are constraints: dozens of them instead of
+thousands. Twice as many, all that it can touch, take a fifth longer to the same layouts; without the limit of the
+movement, layouts of 40 dots are 1 to 10 % worse."""
 
 
 def slsqp(
@@ -178,7 +180,7 @@ def _run(
 ) -> Array:
     """Run SLSQP once from a layout (n, 2), appending its steps to `way`."""
     n, scale = len(start), region.boundary.radius
-    clear = Clearances(region, start, reach, scale)
+    clear = Clearances(region, start, reach / 2, scale)
 
     def log_value(x: Array) -> tuple[float, Array]:
         value, gradient = objective.value_and_gradient(x.reshape(1, n, 2) * scale, softness)

@@ -70,9 +70,9 @@ MOVES = 4
 GAIN = 1e-6
 """Relative gain that justifies another round."""
 
-REGULAR, LIKELY = 6, 24
-"""Numbers of distinct regular layouts that are polished, if no fewer restarts are asked for, and of those other than
-polygons that a subset of the poses selects to be evaluated for all."""
+REGULAR, FEWEST_REGULAR, LIKELY = 6, 2, 24
+"""Numbers of distinct regular layouts that are polished, if no fewer restarts are asked for, up to `MOST_HOPPING` dots,
+the least for more, and of those other than polygons that a subset of the poses selects to be evaluated for all."""
 
 OVERLAP = 0.7
 """Fraction of the spacing enforced in every other exchange: dots hardly ever touch on a grid, but do so once
@@ -313,7 +313,8 @@ class Stages:
         layouts, values = self.regular
         if not len(layouts):
             return Optimum(layouts, np.inf)
-        candidates = best_of(list(zip(layouts, values.tolist(), strict=True)), min(REGULAR, restarts or REGULAR))
+        most = max(FEWEST_REGULAR, REGULAR * MOST_HOPPING // max(self.n, MOST_HOPPING))
+        candidates = best_of(list(zip(layouts, values.tolist(), strict=True)), min(most, restarts or most))
         shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(candidates), self.n, 2))
         total = len(shakes) + KEPT
         for done, (start, shake) in enumerate(zip([points for points, _ in candidates], shakes, strict=True)):
