@@ -326,7 +326,7 @@ class _Program:
         self.pitch = max(region.spacing - _SLACK, 0.0)
         self.boxes = 0
         # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
-        angles = np.arange(ORBIT if len(region.walls) == 1 else 1) * (2 * np.pi / ORBIT)
+        angles = np.linspace(0.0, 2 * np.pi, ORBIT if len(region.walls) == 1 else 1, endpoint=False)
         turns, candidates = turn_z(angles)[:, :2, :2], _candidates(region)
         x, y = fields.basis(points @ turns)
         self.start = np.einsum("tcx,tcy->xy", x, y) / len(turns)
