@@ -30,6 +30,9 @@ BETTER = 1e-4
 SWEEPS, TURNS = 8, 500
 """Maximum number of rounds over all dots, and of single-dot attempts in total."""
 
+AT_ONCE = 100
+"""Number of places whose information is computed at a time; all at once would take 200 MB for 100 dots."""
+
 
 def edge(region: FeasibleRegion, count: int) -> Array:
     """Positions (C, 2) in m on the edge of the region, about `count`, including its corners."""
@@ -120,7 +123,9 @@ class TraceExchangeTable(ExchangeTable):
         base = regular_polygon(4, 0.7 * self._objective.setting.boundary.radius)
         layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
         alone = np.linalg.inv(self._objective.covariance(base[None]))
-        return np.asarray((np.linalg.inv(self._objective.covariance(layouts)) - alone).swapaxes(0, 1))
+        parts = np.array_split(layouts, len(layouts) // AT_ONCE + 1)
+        together = np.concatenate([np.linalg.inv(self._objective.covariance(part)) for part in parts])
+        return np.asarray((together - alone).swapaxes(0, 1))
 
     def values(self, rest: Index, candidates: Index) -> Array:
         """See `ExchangeTable`."""
@@ -145,9 +150,10 @@ def _products(information: Array) -> Array:
     rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
     a, b = rows[..., 0], rows[..., 1]
     i, j = np.triu_indices(information.shape[-1])
-    pairs = ((a, a), (b, b), (a, b))
-    mixed = [left[..., i] * right[..., j] + left[..., j] * right[..., i] for left, right in pairs]
-    return np.asarray(np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0))
+    mixed = np.empty((*a.shape[:-1], 3, len(i)))
+    for part, (left, right) in enumerate(((a, a), (b, b), (a, b))):
+        mixed[..., part, :] = (left[..., i] * right[..., j] + left[..., j] * right[..., i]) * np.where(i == j, 0.5, 1.0)
+    return mixed
 
 
 def exchange_table(objective: Objective, places: Array) -> ExchangeTable:
