@@ -312,8 +312,10 @@ class _Fields:
         t = (powers + 1 / powers) / 2
         center = poses.rotation[:, 2, :2] @ self.middle + poses.translation[:, 2]
         least = center - (rho + 1 / rho) / 2 * (np.abs(poses.rotation[:, 2, :2]) @ self.half)
-        with np.errstate(divide="ignore"):
-            largest = (t[:, :, None] * t[:, None]).reshape(len(rho), -1) @ c / np.maximum(least, 0.0) ** RATIONAL
+        largest = np.full(least.shape, np.inf)
+        numerator = (t[:, :, None] * t[:, None]).reshape(len(rho), -1) @ c
+        # A pose may count nothing: 0 / 0.
+        np.divide(numerator, np.maximum(least, 0.0) ** RATIONAL, out=largest, where=least > 0)
         errors = 16 * largest * rho ** (2.0 - self._shape[0]) / (rho - 1) ** 2
         return float(errors.min(axis=0).sum())
 

@@ -176,6 +176,12 @@ def test_the_interpolation_is_no_worse_than_is_proven(setting, name):
     assert bounds[2] < 1e-4
 
 
+def test_poses_that_count_nothing_add_no_error(criterion):
+    """Under a worst case, sensitivities of other poses vanish, even to the last digit."""
+    fields = certificate._Fields(criterion(Circle(0.15)), FeasibleRegion(Circle(0.15), 0.03, 0.003), 12)
+    assert fields.error(np.zeros(fields._exact.shape[1])) == 0.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 @pytest.mark.parametrize("name", TRACES)
