@@ -170,7 +170,8 @@ def refine_poses(
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
-    problems = EllipseCenters(points, radii, seen, weight, np.asarray(weight.any(axis=(-2, -1))), tolerance)
+    used = np.asarray(weight.any(axis=(-2, -1)))
+    problems = EllipseCenters(points, radii, seen, weight, used, tolerance, together=len(seen) <= FEW)
     (rotation, translation), chi2 = levenberg_marquardt(problems, (rotation, translation), DAMPING, steps)
     return rotation, translation, chi2
 
@@ -182,6 +183,10 @@ def mirrored_poses(points: Array, rotation: Array, translation: Array) -> tuple[
     mirrored = mirrored_rotation(rotation, place)
     return mirrored, place - mirrored @ middle
 
+
+FEW = 64
+"""Number of poses up to which removing them one by one costs more than their steps: if removed, 50 poses of five dots
+take 1.3 times as long, 100 take 0.8 times, 4,000 half as long."""
 
 _GENERATORS = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
@@ -201,8 +206,7 @@ def _turn(vectors: Array) -> Array:
 class EllipseCenters(LeastSquares):
     """Weighted distances between measured and predicted ellipse centers; see `refine_poses`.
 
-    `used` (k, n) marks the dots that have a weight. All poses take steps until all have converged: they are few, and
-    removing them one by one would cost more than the steps.
+    `used` (k, n) marks the dots that have a weight; `together`: all take steps until each has converged or diverged.
     """
 
     points: Array
@@ -211,6 +215,7 @@ class EllipseCenters(LeastSquares):
     weight: Array
     used: Mask
     tolerance: float
+    together: bool
 
     def residuals(self, unknowns: Arrays) -> Arrays:
         """Return chi2 (k,), inf if a used dot is not seen, and measured minus predicted centers (k, n, 2).
@@ -248,13 +253,13 @@ class EllipseCenters(LeastSquares):
         return _turn(step[:, :3]) @ unknowns[0], unknowns[1] + step[:, 3:]
 
     def converged(self, attempt: Attempt) -> Mask:
-        """Return true for all if all poses have converged or diverged, else false for all."""
+        """See `LeastSquares.converged`."""
         _, translation = attempt.kept
         settled = attempt.good & (attempt.after >= attempt.before * (1 - self.tolerance))
         moved = np.abs(attempt.step)
         moved[:, 3:] /= np.sqrt(np.sum(translation**2, axis=-1, keepdims=True))
         going = (moved.max(axis=-1) > self.tolerance) & ~settled & (attempt.cost < np.inf)
-        return np.full(len(going), not going.any())
+        return np.full(len(going), not going.any()) if self.together else ~going
 
     def take(self, chosen: Mask) -> "EllipseCenters":
         """See `LeastSquares.take`."""
