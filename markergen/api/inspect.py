@@ -16,9 +16,7 @@ from markergen.geometry.contour import Contour, area, box
 from markergen.geometry.outlines import polygons_of
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import NO_DISTORTION, Camera
-from markergen.model.picture import draw_marker, draw_rig
 from markergen.model.recorded_poses import RecordedPoses
-from markergen.model.rig import Rig
 from markergen.model.rig_shapes import corners
 from markergen.options import settle, signature_of
 from markergen.options.inspection import InspectKeywords
@@ -396,9 +394,7 @@ def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
         **{plate.name: str(plate.marker) for plate in plates},
         "tags": ", ".join(tags.values()) or "none",
     }
-    return Facts(
-        kind, rows, values, lambda ax: draw_rig(body, ax=ax) if isinstance(body, Rig) else draw_marker(body, ax)
-    )
+    return Facts(kind, rows, values, body.plot)
 
 
 def _spec(path: Path, asked: Mapping[str, Any]) -> Facts:

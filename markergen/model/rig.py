@@ -19,6 +19,8 @@ from markergen.registry import door
 from markergen.units import format_length
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from markergen.files import Written
     from markergen.options.declarations import ExportKeywords
 
@@ -171,6 +173,10 @@ class Rig(Body):
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
         """Write the rig to each path in the format of its suffix, such as .json; see `markergen.export`."""
         return door("api.export.export")(self, *paths, **options)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the plates from the front to scale, in mm, into given or new matplotlib axes, and return the axes."""
+        return door("model.picture.draw_rig")(self, ax=ax)
 
 
 def _rim(plate: Plate, spacing: float) -> Array:

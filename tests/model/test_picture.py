@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+import rigs
 
 from markergen.geometry.region import signed_area
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.picture import draw_marker, shows_origin
+from markergen.model.picture import draw_marker, draw_rig, shows_origin, sides
 
 
 def drawn(marker):
@@ -49,3 +50,13 @@ def test_axes_are_drawn_where_the_origin_is_in_the_picture(make_in):
         marker = make_in(polygon_from([shift + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], "file"), 5, 0.01)
         assert shows_origin(marker) is shown
         assert ("x" in [text.get_text() for text in drawn(marker)[0].texts]) is shown
+
+
+def test_a_rig_shows_the_plates_that_face_the_front():
+    """Of a cube three, each with its name; its plot is the picture of the front."""
+    cube = rigs.cube()
+    plates = {plate.name for plate in cube.plates}
+    front, back = cube.plot(), draw_rig(cube, -np.array(sides(cube)["front"]))
+    shown = [{text.get_text() for text in ax.texts} & plates for ax in (front, back)]
+    assert [len(names) for names in shown] == [3, 3]
+    assert not shown[0] & shown[1]
