@@ -536,7 +536,7 @@ def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float)
     along = np.clip((distance - pitch / 2) / delta, -1.0, 1.0)
     steep = prices[j] * (np.abs(along) - 1) / (delta * np.maximum(distance, 1e-12))
     # Beyond half the pitch, the negative of a cap bends upward only around its center, by at most 2 / (pitch delta).
-    bends = np.where(distance - pitch / 2 < radius, 1.0, 2 * delta / pitch)
+    bends = np.where(distance - pitch / 2 < radius, 1.0, 2 * _ramp(1.0))
     ramp = bends * (np.abs(distance - pitch / 2) < delta + radius)
 
     def total(parts: Array) -> Array:

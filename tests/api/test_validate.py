@@ -19,7 +19,6 @@ from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.poses import named_poses
 from markergen.options import declared
 from markergen.options.declarations import ValidateKeywords
-from markergen.validation import result as results_module
 from markergen.validation.report.plots import errors_over
 from markergen.validation.result import Validation
 
@@ -190,7 +189,7 @@ def test_all_files_or_none(proved, tmp_path, monkeypatch):
     def fails(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(results_module, "figure_bytes", fails)
+    monkeypatch.setattr("markergen.presentation.results.figure_bytes", fails)
     with pytest.raises(OSError):
         proved.found.save(tmp_path / "r.json", tmp_path / "r.svg")
     assert list(tmp_path.iterdir()) == []
