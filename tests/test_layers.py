@@ -49,6 +49,7 @@ DOORS = {
     ("model/body.py", "Body.to_cadquery"): "api.export.to_cadquery",
     # Pictures are drawn from the marker, and shown by its own methods.
     ("model/marker.py", "Marker.plot"): "model.picture.draw_marker",
+    ("model/rig.py", "Rig.plot"): "model.picture.draw_rig",
     ("model/marker.py", "Marker._repr_html_"): "model.picture.svg",
 }
 """Methods that call what stands above them, by `markergen.registry.door`, and what they call; there are no others."""

@@ -166,7 +166,7 @@ def sides(rig: "Rig") -> dict[str, Array]:
     return {"front": front, **({"back": -front} if (normals @ front < -0.1 * np.linalg.norm(front)).any() else {})}
 
 
-def draw_rig(rig: "Rig", direction: Array | None = None, ax: "Axes | None" = None) -> "Axes":
+def draw_rig(rig: "Rig", ax: "Axes | None" = None, direction: Array | None = None) -> "Axes":
     """Draw the plates with their names and dots, and the frame's axes, in mm, seen from far away in a direction.
 
     Without given axes, those of a new figure without a window; without a direction, the front.

@@ -174,9 +174,12 @@ class Rig(Body):
         """Write the rig to each path in the format of its suffix, such as .json; see `markergen.export`."""
         return door("api.export.export")(self, *paths, **options)
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the plates from the front to scale, in mm, into given or new matplotlib axes, and return the axes."""
-        return door("model.picture.draw_rig")(self, ax=ax)
+    def plot(self, ax: "Axes | None" = None, direction: Array | None = None) -> "Axes":
+        """Draw the plates to scale, in mm, into given or new matplotlib axes, and return the axes.
+
+        They are seen from far away in a direction (3,) of the rig's frame, by default from the front.
+        """
+        return door("model.picture.draw_rig")(self, ax, direction)
 
 
 def _rim(plate: Plate, spacing: float) -> Array:

@@ -56,7 +56,7 @@ def test_a_rig_shows_the_plates_that_face_the_front():
     """Of a cube three, each with its name; its plot is the picture of the front."""
     cube = rigs.cube()
     plates = {plate.name for plate in cube.plates}
-    front, back = cube.plot(), draw_rig(cube, -np.array(sides(cube)["front"]))
+    front, back = cube.plot(), draw_rig(cube, direction=-np.array(sides(cube)["front"]))
     shown = [{text.get_text() for text in ax.texts} & plates for ax in (front, back)]
     assert [len(names) for names in shown] == [3, 3]
     assert not shown[0] & shown[1]

@@ -146,7 +146,7 @@ def rig_report(
         [f"{rig!r}"[4:-1].capitalize() + "."],
         [
             plot(
-                partial(draw_rig, rig, direction),
+                partial(draw_rig, rig, direction=direction),
                 f"rig-{side}",
                 f"The rig from its {side}: {', '.join(plate.name for plate in rig.plates)}.",
                 f"The rig as seen from its {side}, from far away. Axes are those of the rig frame.",
