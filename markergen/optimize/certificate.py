@@ -84,9 +84,10 @@ objectives of plug-ins may be others."""
 WEAK = 0.05
 """Gap from which on a bound is called weak: fractions of dots gain much in that room."""
 
-ROUNDS, PATIENCE, TRIED, WORK = 60, 12, 6, 6_000_000
+ROUNDS, PATIENCE, TRIED, WORK = 60, 12, 6, 12_000_000
 """Maximum number of linear programs, of those in a row without a noticeable gain, where those judged in the whole room
-count as six (three: two programs more for 20 or 40 dots, and a bound closer by 0.03 %), and of coefficients of all."""
+count as six (three: two programs more for 20 or 40 dots, and a bound closer by 0.03 %), and of coefficients of all:
+with half as many, the homography of 60 dots in a disk has a gap of 10.6 % in place of 6.7, a second earlier."""
 
 NOTICEABLE = 0.98
 """Ratio of gaps that counts as a gain."""
