@@ -473,6 +473,7 @@ MEASURED: Sequence[Entry] = (
     _speed("the same, near the pose of the frame before", "markergen, ring, tracking"),
     _speed("marker without ring, of 8 dots", "markergen, no ring"),
     _speed("cv2.aruco, corners refined to subpixels", "cv2.aruco, subpixel"),
+    _speed("the same in its fast mode", "cv2.aruco, subpixel, fast"),
     _speed("pupil-apriltags", "pupil-apriltags, quad_decimate=2"),
     _speed("cv2.findCirclesGrid", "cv2.findCirclesGrid"),
     Number(
