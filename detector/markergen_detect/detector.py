@@ -285,16 +285,16 @@ class Detector:
         deadline: "float | None",
     ) -> "list[Finding]":
         kept, kinds = list[Any](), structures()
-        options, tracks, found = self._options, self._tracks(model, near), np.zeros(1, kinds["Findings"])
+        options, tracks, findings = self._options, self._tracks(model, near), np.zeros(1, kinds["Findings"])
         if deadline is not None:
             options = options.copy()
             options["deadline"] = max(deadline, 1e-9)
-        picture, at, calibrated = _picture(image, model.light, kept), pointer(found), self.camera is not None
+        picture, at, calibrated = _picture(image, model.light, kept), pointer(findings), self.camera is not None
         inputs = model.at, pointer(camera), calibrated, pointer(picture), pointer(options), pointer(tracks), len(tracks)
         try:
             if library().detect_frame(*inputs, at) < 0:
                 raise MemoryError(_MEMORY)
-            count, blob_count, rows_at, blobs_at, tracked = found.tolist()[0]
+            count, blob_count, rows_at, blobs_at, tracked = findings.tolist()[0]
             rows, blobs = _copied(rows_at, kinds["Finding"], count), _copied(blobs_at, kinds["Blob"], blob_count)
             plain = [dict(zip(_PLAIN, values, strict=True)) for values in rows[_PLAIN].tolist()]
             return [
@@ -336,8 +336,8 @@ class Detector:
             values["tag_corners"] = row["corners"][0]
         count = plain["count"]
         if plain["pixels"] and count > 0:
-            dots, own = (_copied(plain[name], _INTEGER, count + plain["dropped"]) for name in ("dots", "blobs"))
-            ids, seen = body.ids[dots], blobs[own[:count]]
+            dots, images = (_copied(plain[name], _INTEGER, count + plain["dropped"]) for name in ("dots", "blobs"))
+            ids, seen = body.ids[dots], blobs[images[:count]]
             values |= {
                 "ids": ids[: count if ok else 0], "guess": ids[:count], "dropped": np.sort(ids[count:]),
                 "pixels": _copied(plain["pixels"], _REAL, 2 * count).reshape(-1, 2),

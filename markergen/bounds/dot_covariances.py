@@ -187,13 +187,9 @@ def dot_ellipses(
     center, semi, angle = (np.full((*seen.shape, *of), np.nan) for of in ((2,), (2,), ()))
     if seen.any():
         planes = np.broadcast_to(rotation[..., None, :, :], (*seen.shape, 3, 3))[seen]
-        places = np.broadcast_to(translation[..., None, :] + xyz[:, 2:] * normal, (*seen.shape, 3))[seen]
-        points, radii = (
-            np.broadcast_to(xyz[:, :2], center.shape)[seen],
-            np.broadcast_to(diameters / 2, seen.shape)[seen],
-        )
+        places, dots = (translation[..., None, :] + xyz[:, 2:] * normal)[seen], np.nonzero(seen)[-1]
         homography = plane_homography(planes, places, camera.matrix)
-        center[seen], semi[seen], angle[seen] = circle_image(points, radii, homography)
+        center[seen], semi[seen], angle[seen] = circle_image(xyz[dots, :2], diameters[dots] / 2, homography)
     return center, semi, angle
 
 

@@ -42,8 +42,8 @@ from markergen.validation.setting import check_trials
 from markergen.validation.views import SyntheticViews
 
 BLOCK, AT_ONCE = 4096, 1024
-"""Maximum number of trials of a pose that are solved at once, which bounds the memory for any number of runs; and of
-trials from which on further poses come later."""
+"""Maximum number of trials of a pose that are solved at once, which bounds the memory for any number of runs; number of
+trials at which those of further poses are no longer solved with them."""
 NEES_OF = "lm"
 """Name of the maximum-likelihood estimator, to whose covariance the bound applies."""
 LEAST_DEPTH = 0.1
@@ -385,8 +385,9 @@ def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str,
             solve = partial(_errors, experiment, index, layout, batch, slice(end - len(block), end))
             parts[index].append({name: solve(name) for name in experiment.estimators})
     nothing, no = np.full(experiment.runs, np.nan), np.zeros(experiment.runs, dtype=bool)
-    unseen = dict.fromkeys(experiment.estimators, PoseErrors(nothing, nothing, nothing, nothing, no, no))
-    return [join(blocks, stack=False) if blocks else {**unseen} for blocks in parts.values()]
+    unseen: Errors = PoseErrors(nothing, nothing, nothing, nothing, no, no)
+    nowhere = [dict.fromkeys(experiment.estimators, unseen)]
+    return [join(blocks or nowhere, stack=False) for blocks in parts.values()]
 
 
 def _blocks(experiment: Experiment, indices: Iterable[int]) -> Iterator[tuple[tuple[int, ...], int, Array, Array]]:

@@ -348,12 +348,12 @@ def _nees(values: Array) -> dict[str, Any]:
     """Mean NEES and coverage of the 95 % region, each with its 99 % interval."""
     from scipy.special import gammaincinv
 
-    if not len(values):
-        return {**nees_statistics(values), "coverage": None, "coverage_interval": None}
-    limit = 2 * gammaincinv(POSE_PARAMETERS / 2, NOMINAL_COVERAGE)
-    inside = int(np.sum(values <= limit))
-    covered = {"coverage": inside / len(values), "coverage_interval": share_interval(inside, len(values))}
-    return {**nees_statistics(values), **covered}
+    count, inside = len(values), int(np.sum(values <= 2 * gammaincinv(POSE_PARAMETERS / 2, NOMINAL_COVERAGE)))
+    return {
+        **nees_statistics(values),
+        "coverage": inside / count if count else None,
+        "coverage_interval": share_interval(inside, count) if count else None,
+    }
 
 
 def _where(record: Record, poses: PoseDistribution) -> dict[str, Any]:

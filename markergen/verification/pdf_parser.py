@@ -102,6 +102,7 @@ class _Parser:
     layers: list[str] = field(default_factory=lambda: [""])
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     finest: float = 0.0
+    paths: int = 0
     budget: int = MOST_SEGMENTS
     rounds: int = MOST_ROUND
 
@@ -219,11 +220,11 @@ class _Parser:
             return
         is_read = bool(stroke.value) or self.layers[layer] != TEXT
         count = max(pdfium.FPDFPath_CountSegments(item), 0) if is_read else 0
+        self._spend(count)
+        self.paths += 1
         levels = [ctypes.c_uint() for _ in range(4)]
         pdfium.FPDFPageObj_GetFillColor(item, *levels)
-        # What is left of the budget is another number for each path.
-        path, paint = self.budget, int.from_bytes(bytes(level.value & 255 for level in levels), "big")
-        self._spend(count)
+        of = layer, self.paths, int.from_bytes(bytes(level.value & 255 for level in levels), "big")
         off = FILLED_OFF if mode.value else STROKED_OFF
         (a, c, e), (b, d, f) = matrix[:2].tolist()
         points, bend, closed = list[tuple[float, float]](), list[tuple[float, float]](), False
@@ -232,7 +233,7 @@ class _Parser:
             kind = pdfium.FPDFPathSegment_GetType(segment) if segment else pdfium.FPDF_SEGMENT_MOVETO
             if kind == pdfium.FPDF_SEGMENT_MOVETO:
                 if len(points) > 1:
-                    yield _Outline(np.array(points), bool(mode.value), bool(stroke.value), closed, layer, path, paint)
+                    yield _Outline(np.array(points), bool(mode.value), bool(stroke.value), closed, *of)
                 points, bend, closed = [], [], False
             if segment is None:
                 return
