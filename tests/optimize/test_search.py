@@ -95,6 +95,30 @@ def test_it_finds_what_descents_find_in_a_disk(criterion):
         assert found.value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
 
 
+def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(criterion, monkeypatch):
+    disk, shown, stages = Circle(0.15), [], []
+    objective, region = criterion(disk), FeasibleRegion(disk, 0.01, 0.001)
+    task = Stages(objective, objective, region, 25, lambda stage, *_: stages.append(stage), first=shown.append)
+    monkeypatch.setattr(Stages, "finished", lambda *_: [])
+
+    def ended(*values):
+        """Result of exchanges whose quick polishes, that of the layout beside first, end at these values."""
+        stages.clear()
+        ends = iter(values)
+        monkeypatch.setattr(Stages, "quick", lambda self, start: (start, next(ends, values[-1])))
+        return task.exchanged(np.random.default_rng(0), 0, beside)
+
+    monkeypatch.setattr(Stages, "quick", lambda self, start: (start, float(self.objective(start[None])[0])))
+    beside = task.from_regular(np.random.default_rng(0), 0, leading=True)
+    assert [len(points) for points in shown] == [25]
+    monkeypatch.setattr(Stages, "finished", lambda self, ends, *_: ends)
+    assert ended(1.0) is beside
+    assert set(stages) == {"exchange"}
+    assert ended(1.0, 0.9).value == 0.9
+    assert stages[-1] == "polish"
+    assert len(shown) == 1
+
+
 @pytest.mark.parametrize(("name", "n"), [("rotation", 10), ("rotation", 16), ("homography", 16), ("homography", 20)])
 def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
     # Descents from random layouts alone end 1 to 4 % above the polygon.
