@@ -1,6 +1,5 @@
 import re
 import zlib
-from base64 import a85decode
 from dataclasses import replace
 
 import numpy as np
@@ -111,9 +110,7 @@ def test_metadata_and_no_font_at_all(case):
     assert "print at 100 %" in info["Keywords"]
     assert b"Helvetica" not in data
     assert b"/BaseFont" not in data
-    stream = re.search(rb"stream\r?\n(.*?)endstream", data, re.DOTALL)[1]
-    drawing = zlib.decompress(a85decode(b"<~" + stream.strip(), adobe=True))
-    assert not re.search(rb"\b(BT|Tf|Tj|TJ)\b", drawing)
+    assert not re.search(r"\b(BT|Tf|Tj|TJ)\b", page_streams(data)[0])
 
 
 def test_it_is_printed_at_true_size_on_one_side(case):
@@ -131,8 +128,8 @@ def objects(data: bytes) -> str:
 
 
 def page_streams(data: bytes) -> list[str]:
-    found = re.findall(rb"stream\r?\n(Ga.*?)endstream", data, re.DOTALL)
-    return [zlib.decompress(a85decode(b"<~" + stream.strip(), adobe=True)).decode() for stream in found]
+    found = re.findall(rb"/FlateDecode.*?stream\r?\n(.*?)endstream", data, re.DOTALL)
+    return [zlib.decompressobj().decompress(stream).decode() for stream in found]
 
 
 def test_layers_are_optional_content_in_painting_order(case):
