@@ -26,11 +26,15 @@ from markergen.verification.words import REMOVE, Finding
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""
 
-MEASURED = r"ruler|check-[xy]|number-|ax[ei]s"
-"""Names of the shapes that users measure or read."""
+MEASURED = r"ruler|check-(?!plan)|remedy|number-|ax[ei]s"
+"""Names of the shapes that users measure, or that say how; the rest may differ by the version that printed it."""
 
 DARK, LEAST = 0.3, 0.2
 """Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
+
+HOLES = 0.03
+"""Share of a shape's ink that may be missing if that is more: small grey letters lose 0.02 in a picture of 150 dpi, and
+at 0.03 no digit may."""
 
 SPARSE, FINE = 2, 0.1
 """Pixels from one place to the next that is looked at inside of the outline, and accuracy in mm of this."""
@@ -197,12 +201,13 @@ class _Page:
         ink, around = (window < 128).astype(np.uint8), np.ones((3, 3), np.uint8)
         missing = (ink > 0) & (cv2.dilate(seen, around) == 0) & np.isfinite(dark)
         extra = (seen > 0) & (cv2.dilate((window < 230).astype(np.uint8), around, iterations=2) == 0)
-        return bool(max(missing.sum(), extra.sum()) > LEAST * (DPI / 25.4) ** 2)
+        least = LEAST * (DPI / 25.4) ** 2
+        return bool(missing.sum() > max(least, HOLES * ink.sum()) or extra.sum() > least)
 
 
 def _called(name: str) -> str:
     if name.startswith("ruler"):
         return f"the ruler along {'y' if name.startswith('ruler-y') else 'x'} is"
-    if name.startswith("check"):
-        return "the lengths to measure are"
+    if name.startswith(("check", "remedy")):
+        return f"the {'lengths to measure' if name.startswith('check') else 'lines on how to measure'} are"
     return "the axes are" if name.startswith("ax") else f"the number of dot {name.removeprefix('number-')} is"

@@ -198,11 +198,14 @@ _CUSTOM = re.compile(r"(?:^|(?<=[;{\s]))(--[\w-]+)\s*:\s*([^;{}]*)(?:;|(?=\})|$)
 _VARIABLE = re.compile(r"\bvar\(\s*(--[\w-]+)\s*(?:,\s*((?:[^()]|\([^()]*\))*))?\)")
 _ALIKE = (
     "fill stroke opacity display visibility font text letter word line color stop clip mask filter flood lighting "
-    "marker overflow paint-order shape image mix-blend isolation enable-background background solid direction "
+    "marker overflow paint-order shape image enable-background background solid direction "
     "writing-mode baseline dominant-baseline alignment unicode white-space vector-effect inline-size pointer-events "
     "cursor block-progression -inkscape -moz -webkit src tab-size unset"
 )
 """Beginnings of the properties that change no place and no size, or that the reader has."""
+
+_UNSET = {"mix-blend-mode": ("normal", "inherit"), "isolation": ("auto", "inherit", "isolate")}
+"""Values that change nothing of properties that programs for print and laser ignore, and browsers do not."""
 
 
 def plain(file: OutlineFile) -> OutlineFile:
@@ -272,8 +275,10 @@ def _written(text: str, variables: _Variables, name: str) -> str:
 
 def _check_properties(declarations: str, name: str) -> None:
     """Refuse properties by which a browser shows something else than a picture of the file."""
-    for key in (part.partition(":")[0].strip().lower() for part in declarations.split(";") if ":" in part):
-        if not key.startswith(tuple(_ALIKE.split())) and key != "transform":
+    for part in declarations.lower().split(";"):
+        key, colon, value = (text.strip() for text in part.partition(":"))
+        alike = key.startswith(tuple(_ALIKE.split())) or key == "transform" or value in _UNSET.get(key, ())
+        if colon and not alike:
             _refuse(name, key)
 
 

@@ -32,6 +32,10 @@ def check_of(marker, folder, suffix, data):
     return verify(marker, folder / f"b{suffix}")
 
 
+def without(names):
+    return lambda text: re.sub(rf'<\w+ id="{names}"[^>]*/>', "", text)
+
+
 def moved(name, by):
     return lambda text: re.sub(rf'(id="{name}")', rf'\1 transform="translate({by})"', text)
 
@@ -41,8 +45,10 @@ CHANGES = {
     "a ruler of another scale": lambda text: re.sub(r'(id="ruler[-\d]*")', r'\1 transform="scale(.98 1)"', text),
     "ticks elsewhere": moved(r"ruler-y-\d+", "0 .7"),
     "a number elsewhere": moved("ruler-number-50", "50 0"),
-    "a number missing": lambda text: re.sub(r'<path id="ruler-number-100"[^>]*/>', "", text),
-    "a length missing": lambda text: re.sub(r'<path id="check-x-0"[^>]*/>', "", text),
+    "a number missing": without("ruler-number-100"),
+    "a length missing": without("check-x-0"),
+    "the rulers' lengths missing": without("check-rulers-0"),
+    "what to measure missing": without(r"remedy-[\d-]+"),
     "an axis elsewhere": moved(r"axes-x", "0 5"),
     "a dot with another number": moved("number-1", "3 3"),
     "all text elsewhere": lambda text: text.replace('<g id="text"', '<g id="text" transform="translate(5 0)"'),

@@ -68,6 +68,14 @@ def test_forms_that_programs_draw_differently_are_refused(form):
             rewritten(text)
 
 
+@pytest.mark.parametrize("value", ["difference", "multiply", "screen"])
+def test_inks_that_only_browsers_blend_are_refused(value):
+    for text in ("<g style='mix-blend-mode:{}'/>", "<style>g {{ mix-blend-mode: {} }}</style>"):
+        with pytest.raises(InputError, match="alike"):
+            rewritten(text.format(value))
+        assert "normal" in rewritten(text.format("normal") + "<g style='isolation:auto'/>")
+
+
 def test_variables_of_the_drawing_and_rules_for_all_media_are_followed():
     data = rewritten(
         "<style>:root { --ink: hsl(0 0% 0%); --unused: 1px } "
