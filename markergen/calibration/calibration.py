@@ -603,10 +603,10 @@ def _held_loosely(cleaned: Cleaned, print_sigma: float, noisy: bool) -> Cleaned:
     The image counts with its errors as they were found. It keeps dots that few photographs show from taking up the
     errors of a poor camera.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     adjusted = cleaned.adjustment
-    is_as_claimed = not noisy and chi2.sf(adjusted.chi2, adjusted.degrees_of_freedom) > MISFIT
+    is_as_claimed = not noisy and chdtrc(adjusted.degrees_of_freedom, adjusted.chi2) > MISFIT
     if not adjusted.network.free or is_as_claimed:
         return cleaned
     sigma = print_sigma / np.sqrt(adjusted.scale)

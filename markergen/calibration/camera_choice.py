@@ -199,7 +199,7 @@ def wider_lenses(network: Network) -> list[tuple[str, Network]]:
 
 def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -> bool:
     """Return whether parameters differ from their start by no more than their claimed errors (95 %)."""
-    from scipy.stats import chi2 as chi2_distribution
+    from scipy.special import chdtri
 
     chosen = [adjustment.camera.parameter_names.index(name) for name in names]
     try:
@@ -207,7 +207,7 @@ def _within_sigma(adjustment: Adjustment, start: Camera, names: Sequence[str]) -
     except UndeterminedError:
         return True
     moved = (parameters_of(adjustment.camera) - parameters_of(start))[chosen]
-    return squared_length(moved, spread)[0] < float(chi2_distribution.ppf(0.95, len(names)))
+    return squared_length(moved, spread)[0] < float(chdtri(len(names), 0.05))
 
 
 def rational(camera: Camera) -> Camera:

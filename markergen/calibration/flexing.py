@@ -67,7 +67,7 @@ class Flex:
 
 def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     """Test whether the marker bends between photographs."""
-    from scipy.stats import f as fisher
+    from scipy.special import fdtrc
 
     parts, views, network = adjustment.normal, adjustment.views, adjustment.network
     if not network.free:
@@ -87,7 +87,7 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     both = _explained(adjustment, unscaled, np.concatenate([bent, bent[..., ::-1, :] * [[1.0], [-1.0]]], axis=-1))[1]
     more = len(both) - rank
     across = (float(both.sum()) - fall) / max(more, 1)
-    if 0 < more < rest and fisher.sf(across / noise, more, rest - more) < CLEARLY:
+    if 0 < more < rest and fdtrc(more, rest - more, across / noise) < CLEARLY:
         noise, rest = across, more
     statistic = fall / rank / noise
     # Bending of variance t^2 by each mode: E g'g = s^2 tr M + t^2 tr M^2.
@@ -97,7 +97,7 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
             [(modes[network.marker == k] ** 2).sum() / (network.marker == k).sum() for k in np.unique(network.marker)]
         )
     )
-    return Flex(statistic, float(fisher.sf(statistic, rank, rest)), float(np.sqrt(max(variance, 0.0) * visible)))
+    return Flex(statistic, float(fdtrc(rank, rest, statistic)), float(np.sqrt(max(variance, 0.0) * visible)))
 
 
 def _explained(adjustment: Adjustment, unscaled: Array, moves: Array) -> tuple[Array, Array]:

@@ -110,7 +110,7 @@ class Paired:
     @classmethod
     def of(cls, worse: LeftOut, better: LeftOut) -> "Paired":
         """Compare two predictions of the same photographs; a ratio above 1 is in favor of the second."""
-        from scipy.stats import t as student
+        from scipy.special import stdtr, stdtrit
 
         first, second = (np.maximum(left_out.rms_each, _FLOOR_PX) for left_out in (worse, better))
         logarithm = np.log(first / second)
@@ -119,8 +119,8 @@ class Paired:
         if count < 2:
             return cls(float("nan"), 0.0, float("inf"), 1.0, count)
         mean, error = float(logarithm.mean()), float(logarithm.std(ddof=1) / np.sqrt(count))
-        half = error * float(student.ppf(0.975, count - 1))
-        chance = float(student.sf(mean / max(error, 1e-12), count - 1))
+        half = error * float(stdtrit(count - 1, 0.975))
+        chance = float(stdtr(count - 1, -mean / max(error, 1e-12)))
         return cls(float(np.exp(mean)), float(np.exp(mean - half)), float(np.exp(mean + half)), chance, count)
 
 
@@ -325,7 +325,7 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
 
     `photo` (v,) is the photograph of each view of the adjustment.
     """
-    from scipy.stats import chi2 as chi2_distribution
+    from scipy.special import chdtrc
 
     photographs, views = Photographs.of(adjustment, photo), adjustment.views
     network = photographs.network
@@ -366,7 +366,7 @@ def compare_halves(adjustment: Adjustment, photo: Indices) -> Halves | NotJudged
         difference,
         chi2,
         freedom,
-        float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
+        float(chdtrc(freedom, chi2)) if freedom else 1.0,
         (halves[0].cameras, halves[1].cameras),
         camera_chi2 / free if free else None,
     )

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc, chdtri
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust, attempt
@@ -40,7 +40,7 @@ FALSE_ALARM = 1e-3
 CAUCHY = 2.385
 """Scale of Cauchy's cost in sigma: 95 % efficiency for Gaussian errors."""
 
-MEDIAN = float(chi2_distribution.median(2))
+MEDIAN = float(chdtri(2, 0.5))
 
 LEAST_WEIGHT = 1e-6
 """Factor on weights below which the robust cost does not go, so that every dot stays determined."""
@@ -84,7 +84,7 @@ def _cleaned(network: Network, views: Views, dots: Mask) -> Cleaned:
     used = views.seen.sum(axis=1) >= LEAST_DOTS
     if not used.any():
         raise UndeterminedError("photographs that show four dots or more")
-    limit = float(chi2_distribution.isf(FALSE_ALARM / max(1, views.seen.sum()), 2))
+    limit = float(chdtri(2, FALSE_ALARM / max(1, views.seen.sum())))
     adjusted = adjust(network, views.take(used))
     test = _tested(adjusted)
     if test.max(initial=0.0) > limit:
@@ -166,7 +166,7 @@ def noise_of(adjusted: Adjustment, photo: Indices) -> Array:
     fields = [_field(adjusted, view) for view in range(len(photo))]
     variance = np.zeros(len(photo))
     total, expected = _squares([field for field in fields if field], 0.0)
-    if chi2_distribution.sf(total, expected) > BY_LUCK:
+    if chdtrc(expected, total) > BY_LUCK:
         return variance
     for views in views_of.values():
         seen = [field for field in (fields[view] for view in views) if field]
@@ -224,7 +224,7 @@ def likely_cause(adjustment: Adjustment, flex: Flex | NotJudged) -> str:
     """
     factor, freedom = adjustment.variance_factor, adjustment.degrees_of_freedom
     network = adjustment.network
-    if not network.free or freedom <= 0 or factor < FACTOR or chi2_distribution.sf(adjustment.chi2, freedom) > CHANCE:
+    if not network.free or freedom <= 0 or factor < FACTOR or chdtrc(freedom, adjustment.chi2) > CHANCE:
         return ""
     for name, larger in wider_lenses(replace(network, cameras=adjustment.cameras)):
         fitted = attempt(larger, adjustment.views, adjustment.weights, adjustment.places)

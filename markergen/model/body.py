@@ -277,11 +277,6 @@ class Body(ABC):
         return np.array([p.feature.diameter / 2 for plate in self.plates for p in plate.marker.control_points])
 
     @cached_property
-    def is_ring(self) -> Mask:
-        """True (n,) for rings."""
-        return np.array([p.feature.kind == "ring" for plate in self.plates for p in plate.marker.control_points])
-
-    @cached_property
     def least_px(self) -> Array:
         """Least diameters (n,) in px at which the dots are expected to be seen."""
         return np.array([p.feature.least_pixels for plate in self.plates for p in plate.marker.control_points])

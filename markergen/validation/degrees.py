@@ -131,10 +131,10 @@ class DegreeErrors:
 
 
 def _chi_interval(count: Array) -> tuple[Array, Array]:
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     tail = (1 - CONFIDENCE) / 2
-    return np.sqrt(chi2.ppf(tail, count) / count), np.sqrt(chi2.ppf(1 - tail, count) / count)
+    return np.sqrt(chdtri(count, 1 - tail) / count), np.sqrt(chdtri(count, tail) / count)
 
 
 def _value(value: float) -> float | None:
@@ -151,15 +151,19 @@ def parts(values: Array) -> list[Indices]:
 
 def rank_correlations(degrees: Array, errors: Array) -> Array:
     """Spearman's correlations (6, 6) of errors (P, 6), in rows, with degrees of freedom (P, 6); 0 if constant."""
-    from scipy.stats import rankdata
-
     rows = np.isfinite(errors).all(axis=1)
     if rows.sum() < 3:
         return np.zeros((errors.shape[1], degrees.shape[1]))
-    first, second = (rankdata(np.round(values[rows], 9), axis=0) for values in (errors, degrees))
+    first, second = (np.apply_along_axis(_ranks, 0, np.round(values[rows], 9)) for values in (errors, degrees))
     first, second = (ranks - ranks.mean(axis=0) for ranks in (first, second))
     norm = np.outer(np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0))
     return np.asarray(np.divide(first.T @ second, norm, out=np.zeros_like(norm), where=norm > 0))
+
+
+def _ranks(values: Array) -> Array:
+    """Ranks (P,) of values (P,), their mean for equal ones."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(count) - (count - 1) / 2)[place]
 
 
 def standing_out(correlations: Array, count: int) -> list[dict[str, Any]]:
@@ -167,11 +171,11 @@ def standing_out(correlations: Array, count: int) -> list[dict[str, Any]]:
 
     Those of independent ranks have a standard deviation of 1/sqrt(n - 1); also, they are at least `LEAST`.
     """
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     if count < BINS:
         return []
-    limit = max(LEAST, float(norm.ppf(1 - (1 - CONFIDENCE) / correlations.size / 2)) / np.sqrt(count - 1))
+    limit = max(LEAST, float(ndtri(1 - (1 - CONFIDENCE) / correlations.size / 2)) / np.sqrt(count - 1))
     pairs = [
         {"error": ERRORS[row], "pose": DEGREES[column], "correlation": float(correlations[row, column])}
         for row, column in np.argwhere(np.abs(correlations) > limit)
