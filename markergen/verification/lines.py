@@ -168,13 +168,14 @@ def line_findings(
     tolerance : float
         mm.
     free : callable or None
-        Tells at which points (m, 2) lines have gaps by design: in the quiet zones of a printed sheet.
+        Tells at which points (m, 2) outlines have gaps by design: in the quiet zones of a printed sheet.
     outliers : float
         Share of each line that may be off without a word.
     """
     findings = []
     for line in wanted:
-        sentences = _compared(line, seek, tolerance, free, outliers)
+        # A hole's line has no gaps; in pixels, other lines beside it would be taken for it.
+        sentences = _compared(line, seek, tolerance, free if outliers or not line.hole else None, outliers)
         findings += [
             Finding("hole" if line.hole else "outline", f"{line.name} {sentence}", DRAW_AGAIN) for sentence in sentences
         ]

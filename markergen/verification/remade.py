@@ -40,6 +40,9 @@ LISTED = 1e-6
 RELATIVE, LEAST = 1e-6, 1e-10
 """Tolerance of other numbers, of which models have nine digits: as a share, and at the least."""
 
+UNIT = 0.005
+"""Maximum deviation of a quaternion's norm from 1, beyond which tf2 refuses the transform."""
+
 NOTHING = 1e-3
 """Length in m below which its ratio to another says nothing."""
 
@@ -191,6 +194,9 @@ def _matrix(value: dict[Any, Any]) -> list[Any]:
     """Rows of an OpenCV matrix."""
     data, columns = value.get("data"), value.get("cols")
     data = data if isinstance(data, list) else []
+    if re.fullmatch(r"\d*[ucwsi]", str(value.get("dt"))):
+        # OpenCV reads whole numbers.
+        data = [float(np.trunc(item)) if isinstance(item, float) else item for item in data]
     columns = columns if isinstance(columns, int) and columns > 0 else 1
     rows = [data[k : k + columns] for k in range(0, len(data), columns)]
     return rows if value.get("rows") == len(rows) else [*rows, "rows", value.get("rows")]
@@ -407,11 +413,11 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
                 missing.append(path)
             continue
         here = tree.leaves[path]
-        if "_transform/" in path and key != "child_frame_id":
-            if not _same(here, values, 0.0):
+        away = _distance(here, values)
+        if "_transform/" in path and (key == "frame_id" or (key != "child_frame_id" and away is not None)):
+            if away != 0:
                 notes.append(f"{path} is {_text(here)}: where in the map the marker hangs")
             continue
-        away = _distance(here, values)
         allowed = tolerance if key in LENGTHS else max(LEAST, RELATIVE * _size(values))
         name_of_dot = re.search(r"\bdot[ -](\w+)", path)
         if key in LENGTHS and name_of_dot and away is not None and away >= largest:
@@ -422,6 +428,12 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
         if key in LENGTHS and away is not None:
             pairs = [(_number(a), _number(b)) for a, b in zip(here, values, strict=True)]
             ratios += [a / b for a, b in pairs if a is not None and b is not None and abs(b) > NOTHING]
+    rotation = "_transform/ros__parameters/rotation/"
+    quaternion = [_number(here[0]) or 0.0 for path, here in tree.leaves.items() if rotation in path]
+    norm = float(np.linalg.norm(quaternion))
+    if quaternion and not abs(norm - 1) <= UNIT and not wrong:
+        sentence = f"the quaternion of the transform has a norm of {norm:.4g}, not 1"
+        wrong.append(Finding("value", sentence, "give the rotation as a unit quaternion"))
     ratio = float(np.median(ratios)) if ratios else 1.0
     even = bool(ratios) and max(abs(value / ratio - 1) for value in ratios) < 1e-6 if ratio else False
     if even and abs(ratio - 1) > RELATIVE and any(finding.kind in ("shifted", "diameter", "tag") for finding in wrong):
@@ -510,7 +522,7 @@ def _distance(here: Sequence[Value], values: Sequence[Value]) -> float | None:
         return None
     largest = 0.0
     for a, b in zip(here, values, strict=True):
-        if a == b or str(a) == str(b):
+        if str(a) == str(b) or (a == b and isinstance(a, bool) == isinstance(b, bool)):
             continue
         x, y = _number(a), _number(b)
         if x is not None and y is not None:
@@ -520,11 +532,6 @@ def _distance(here: Sequence[Value], values: Sequence[Value]) -> float | None:
         elif str(a).strip().lower() != str(b).strip().lower():
             return None
     return largest
-
-
-def _same(here: Sequence[Value], values: Sequence[Value], tolerance: float) -> bool:
-    away = _distance(here, values)
-    return away is not None and away <= tolerance
 
 
 def _size(values: Sequence[Value]) -> float:

@@ -93,6 +93,15 @@ def test_the_drawing_of_a_plate_for_a_laser_passes(marker, tmp_path):
     assert verify(marker, path).passed
 
 
+@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
+def test_a_hole_in_a_quiet_zone_is_looked_for(make_ngon, tmp_path, suffix):
+    ngon = make_ngon(5, 0.05, 0.012)
+    beside = f"M3:{1e3 * ngon.xyz[1, 0] + 9:.6g}mm,{1e3 * ngon.xyz[1, 1]:.6g}mm"
+    save(ngon, [tmp_path / f"a{suffix}"])
+    check = verify(replace(ngon, substrate=Substrate(holes=parse_mount(beside))), tmp_path / f"a{suffix}")
+    assert [finding.kind for finding in check.findings] == ["hole"]
+
+
 def test_an_extra_dot_in_a_keep_out_is_told(make_ngon, tmp_path):
     kept = replace(make_ngon(5, 0.05, 0.012), keep_outs=(Circle(0.006),))
     save(kept, [tmp_path / "a.dxf"])
