@@ -72,6 +72,17 @@ def brief(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def reason_of(error: BaseException) -> str:
+    """Return in a few words why a file could not be read.
+
+    >>> reason_of(ValueError("line 1,\\n  column 2"))
+    'line 1, column 2'
+    """
+    text = str((error.strerror if isinstance(error, OSError) else None) or error or type(error).__name__)
+    text = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return text if len(text) <= 100 else text[:97] + "..."
+
+
 def among(name: object, names: Iterable[str], listed: Sequence[str] = (), cutoff: float = 0.6) -> str:
     """Return the remedy for an unknown name: the nearest known name, if any, and all of them, or those in `shown`.
 

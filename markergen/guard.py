@@ -26,7 +26,7 @@ from pathlib import Path
 from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from markergen.errors import InputError, MissingLibraryError, brief
+from markergen.errors import InputError, MissingLibraryError, brief, reason_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -236,11 +236,6 @@ def _near(path: Path) -> str:
         names = []
     matches = get_close_matches(path.name, names, 1)
     return f"check the path; there is {path.with_name(matches[0])}" if matches else "check the path"
-
-
-def reason_of(error: Exception) -> str:
-    """Return in a few words why a file could not be read."""
-    return str((error.strerror if isinstance(error, OSError) else None) or error or type(error).__name__)
 
 
 def _open_at_once(path: str, flags: int) -> int:

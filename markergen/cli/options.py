@@ -51,6 +51,7 @@ def parser_of(kind: Kind) -> Callable[[str], Any] | None:
         except InputError as error:
             raise typer.BadParameter(str(error)) from None
 
+    parse.__name__ = kind.parse.__name__
     return parse
 
 
@@ -137,7 +138,7 @@ class GroupedCommand(TyperCommand):
                 # The dashes that all options share made short ones look alike.
                 named = {flag.lstrip("-"): flag for flag in possibilities}
                 error.possibilities = [
-                    named[option] for option in get_close_matches(error.option_name.lstrip("-"), named)
+                    named[option] for option in get_close_matches(error.option_name.lstrip("-"), named, cutoff=0.7)
                 ]
             raise
 

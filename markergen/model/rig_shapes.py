@@ -144,7 +144,7 @@ def _no_rest(kind: str, rest: str) -> None:
 def _count(rest: str, form: str, example: str) -> list[int]:
     match = re.fullmatch(form, rest.strip())
     if not match:
-        raise InputError(f"a shape such as {example}", brief(rest or "no number"), f"write {example}")
+        raise InputError(f"a shape such as {example}", brief(rest) if rest else "no number", f"write {example}")
     return [int(digits) for digits in match.groups()]
 
 

@@ -272,8 +272,9 @@ class Design(Result):
         near, far = poses.distance.min(), poses.distance.max()
         lines = [
             f"{len(self.marker)} control points in a {self.marker.boundary}: {size}",
-            f"for a camera of {camera.width} x {camera.height} px, {view_deg:.0f} degrees wide, at {near:.2g} to "
-            f"{far:.2g} m{unseen}{yours}",
+            f"for a camera of {camera.width} x {camera.height} px, {view_deg:.0f} degrees wide, at "
+            + " to ".join(dict.fromkeys(f"{distance:.2g}" for distance in (near, far)))
+            + f" m{unseen}{yours}",
         ]
         return [
             *lines,
@@ -421,6 +422,8 @@ class Design(Result):
         if self.gap.reason != IMAGES:
             return ""
         least, most = (f"{100 * cost:.1f}" for cost in self.found_under()["gap_costs"])
+        if most == "0.0":
+            return ""
         is_bounded = any(bound.lower_bound for bound in self._certificates)
         costs = f"{least} %" if least == most else f"{least} to {most} %" if is_bounded else f"{least} % or more"
         clearance = format_length(self.dots.clearance).replace(" ", "")

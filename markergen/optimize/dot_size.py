@@ -176,8 +176,8 @@ def largest_that_leaves_room(spec: Spec, enough: float = np.inf) -> float:
     if not diameter:
         raise InputError(
             "room for dots of 0.1 mm and more",
-            f"{spec.n} dots in a {room_of(spec)}",
-            "use a larger marker or a smaller --n",
+            f"{spec.n} dots in a {room_of(spec)}" + (f" with gaps of {format_length(spec.gap)}" if spec.gap else ""),
+            "use a larger marker, a smaller --n" + (" or a smaller --gap" if spec.gap else ""),
         )
     return diameter
 

@@ -118,6 +118,19 @@ def _typed_int_or_auto(text: str) -> int | str:
         raise InputError("a whole number or auto", repr(text), "write 8, or auto") from None
 
 
+def _typed_number(kind: type, expected: str, example: str) -> Callable[[str], Any]:
+    """Parser of what is typed for an int or a float."""
+
+    def parse(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise InputError(expected, repr(text), f"write a number such as {example}") from None
+
+    parse.__name__ = kind.__name__  # Shown in the help as what to type.
+    return parse
+
+
 def _float(value: Any, _: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise _wrong("a number")
@@ -204,10 +217,13 @@ def _thing(expected: str, others: tuple[type, ...] = ()) -> Reader:
     return read
 
 
-for builtin, reader, type_name in (
-    (int, _int, "integer"), (float, _float, "number"), (bool, _bool, "boolean"), (str, _str, "string")
-):  # fmt: skip
-    _kind(builtin.__name__, builtin.__name__, reader, builtin, schema={"type": type_name})
+for builtin, reader, typed, type_name in (
+    (int, _int, _typed_number(int, "a whole number", "8"), "integer"),
+    (float, _float, _typed_number(float, "a number", "0.5"), "number"),
+    (bool, _bool, None, "boolean"),
+    (str, _str, None, "string"),
+):
+    _kind(builtin.__name__, builtin.__name__, reader, builtin, typed, {"type": type_name})
 
 _OUTLINE = "an outline: a text such as rect:0.2x0.1, a path, or a boundary"
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, reason_of
 from markergen.files import exists
-from markergen.guard import read, reason_of
+from markergen.guard import read
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PillowImage

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, reason_of
 from markergen.read.outlines.curves import Bezier
 from markergen.verification.reading import FARTHEST, FLATTEST, Painted, circles_of, painted_again, round_shape
 
@@ -72,7 +72,7 @@ def parse_pdf(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     try:
         document = pypdfium2.PdfDocument(data)
     except pypdfium2.PdfiumError as error:
-        raise InputError("a complete PDF", brief(str(error)), "export it again") from None
+        raise InputError("a complete PDF", reason_of(error), "export it again") from None
     try:
         if not 1 <= len(document) <= MOST_PAGES:
             raise InputError(f"1 to {MOST_PAGES} pages", str(len(document)), "check the file")
@@ -80,7 +80,7 @@ def parse_pdf(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         for index in range(len(document)):
             parser.page(document[index], index)
     except pypdfium2.PdfiumError as error:
-        raise InputError("readable pages", brief(str(error)), "export it again") from None
+        raise InputError("readable pages", reason_of(error), "export it again") from None
     finally:
         document.close()
     return {"pages": parser.pages, "layers": parser.layers}, parser.arrays

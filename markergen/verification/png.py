@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.drawing.paper import PAPERS, Paper
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, reason_of
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import opened_image
@@ -127,7 +127,7 @@ def _header(data: bytes, name: str) -> tuple[int, int, Array]:
             image.verify()
     # Decoders raise all kinds of exceptions for broken files.
     except Exception as error:
-        raise InputError(f"a complete PNG in {name}", brief(str(error)), "export it again") from None
+        raise InputError(f"a complete PNG in {name}", reason_of(error), "export it again") from None
     if not 0 < width * height <= MOST_PIXELS:
         raise InputError(
             f"1 to {MOST_PIXELS // 10**6} million pixels in {name}", f"{width} x {height}", "use a lower dpi"
@@ -152,7 +152,7 @@ def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
     try:
         grey = _on_white(data) if data[25] in WITH_ALPHA else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
     except (cv2.error, MemoryError) as error:
-        raise InputError(f"a PNG that can be decoded in {name}", brief(str(error)), "export it again") from None
+        raise InputError(f"a PNG that can be decoded in {name}", reason_of(error), "export it again") from None
     finally:
         cv2.utils.logging.setLogLevel(level)
     if grey is None or grey.shape != shape:

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.exporters import EXPORTERS, ExportOptions, Output
 from markergen.guard import Content, check_size, text_of
 from markergen.guard import read as read_content
@@ -119,7 +119,7 @@ def _table(text: str, name: str) -> Tree:
     try:
         columns, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)] or [[]]
     except csv.Error as error:
-        raise InputError(f"a table in {name}", brief(str(error)), "export it again") from None
+        raise InputError(f"a table in {name}", reason_of(error), "export it again") from None
     tree.doubled += [column for column in set(columns) if columns.count(column) > 1]
     if not {"id", "x_m", "y_m", "z_m"} <= set(columns) or any(len(row) != len(columns) for row in rows):
         raise InputError(f"columns id, x_m, y_m and z_m in {name}", "others", "export it again")
@@ -158,7 +158,7 @@ def _yaml(text: str, name: str) -> Tree:
         # FileStorage has a directive of its own.
         content = yaml.load(re.sub(r"\A%YAML:1\.0\s*(---)?", "", text), Loader)
     except (yaml.YAMLError, RecursionError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"complete YAML in {name}", brief(str(error)), "export it again") from None
+        raise InputError(f"complete YAML in {name}", reason_of(error), "export it again") from None
     if (family := re.search(r"tag_family: *'(\w+)'", text)) and isinstance(content, dict):
         tree.add("tag_family", family[1])
     if not isinstance(content, dict):
@@ -270,7 +270,7 @@ def _xml(root_tag: str, kind: str, text: str, name: str) -> Tree:
         folder = next((item.get("meshdir") for item in root.iter("compiler") if item.get("meshdir")), "")
         _elements(tree, "", root, f"{folder}/" if folder else "")
     except (ParseError, ValueError, RecursionError) as error:
-        raise InputError(f"a {kind} of one link with meshes in {name}", brief(str(error)), "export it again") from None
+        raise InputError(f"a {kind} of one link with meshes in {name}", reason_of(error), "export it again") from None
     if root.tag != root_tag or not tree.meshes:
         raise InputError(f"a {kind} of one link with meshes in {name}", "something else", "export it again")
     return tree

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element, tostring
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
@@ -138,7 +138,7 @@ def _unpacked(data: bytes, name: str) -> bytes:
     try:
         text = zlib.decompressobj(31).decompress(data, most + 1)
     except zlib.error as error:
-        raise InputError(f"a complete SVG in {name}", brief(str(error)), "save it again") from None
+        raise InputError(f"a complete SVG in {name}", reason_of(error), "save it again") from None
     check_size(Content(name, text), "SVG")
     return text
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, reason_of
 
 FINEST, MOST_PIXELS = 300, 24_000_000
 """Pixels per inch at most, and pixels at most: as of a PDF."""
@@ -32,7 +32,7 @@ def render(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
             png = resvg_py.svg_to_bytes(svg_string=text, dpi=DPI, zoom=zoom, background="white", skip_system_fonts=True)
         # Besides errors of its own it panics.
         except BaseException as error:
-            raise InputError("an SVG that browsers draw", brief(str(error)), "save it again") from None
+            raise InputError("an SVG that browsers draw", reason_of(error), "save it again") from None
         grey = cv2.imdecode(np.frombuffer(bytes(png), dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
         return np.asarray(grey, dtype=np.uint8)
 

@@ -60,6 +60,7 @@ def test_every_command_has_an_example(name, capsys):
         ("export m.json --format pdf", "its suffix is the format"),
         ("detect x.png --calibration c.yaml", "write --camera camera.yaml"),
         ("design --raduis 80mm", "(Possible options: --radius);"),
+        ("rig cube --sides 6", "No such option: --sides; see"),
     ],
 )
 def test_names_of_other_tools_and_misspelled_ones_are_answered(words, said, capsys):

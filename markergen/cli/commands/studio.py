@@ -6,6 +6,9 @@ from typing import Annotated
 
 import typer
 
+from markergen.cli.options import parser_of
+from markergen.options.kinds import KINDS
+
 
 def studio(
     file: Annotated[
@@ -13,7 +16,8 @@ def studio(
         typer.Argument(metavar="FILE", help="Begin with this marker.json, rig.json, spec .toml or drawing."),
     ] = None,
     port: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=65535, help="Port to serve at. [default: a free one]")
+        int | None,
+        typer.Option(metavar="N", parser=parser_of(KINDS["int"]), help="Port to serve at. [default: a free one]"),
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:

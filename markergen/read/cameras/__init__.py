@@ -4,13 +4,14 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
@@ -99,6 +100,8 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     """
     if str(path) in NAMED_CAMERAS:
         return NAMED_CAMERAS[str(path)]
+    if get_close_matches(str(path), NAMED_CAMERAS, cutoff=0.8) and not Path(path).exists():
+        raise InputError("a camera's file, or a typical camera", brief(str(path)), among(str(path), NAMED_CAMERAS))
     return _camera_of(*sized_document(path))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.guard import place_of, read
 from markergen.model.camera import NAMED_CAMERAS, Camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, sized_document
@@ -217,7 +217,7 @@ def _npy(path: Path) -> Array:
             values = np.load(path, mmap_mode="r", allow_pickle=False, max_header_size=1000)
     except Exception as error:
         # The header is Python code, whose parsers raise a dozen kinds of errors and warnings on damaged text.
-        raise InputError(f"a .npy of numbers at {path}", brief(str(error)), "write it with numpy.save") from None
+        raise InputError(f"a .npy of numbers at {path}", reason_of(error), "write it with numpy.save") from None
     if values.dtype.kind not in "fiu" or values.ndim not in (1, 2) or values.size > 10_000:
         expected = f"a .npy of numbers in one or two dimensions at {path}"
         raise InputError(expected, f"{values.dtype} {brief(values.shape)}", "write it with numpy.save")

@@ -14,7 +14,7 @@ from functools import cached_property
 from math import isfinite
 from typing import Any
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.guard import KINDS, Content, text_of
 from markergen.model.json_text import parsed_toml
 from markergen.read.remarks import remark
@@ -406,7 +406,7 @@ def _xml(text: str, name: str) -> dict[str, Any]:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise _damaged("XML", name, brief(str(error))) from None
+        raise _damaged("XML", name, reason_of(error)) from None
     values: dict[str, Any] = {}
     if root.tag != "opencv_storage":
         return values

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.guard import MOST_TRIANGLES
 from markergen.read.meshes import LONGEST, MOST_OBJECTS, Color, MeshObject
 
@@ -312,7 +312,7 @@ def read_3mf(data: bytes) -> Reply:
             volumes, flaws = _volumes(_elements(package, names.get(VOLUMES)))
     # zipfile, zlib and struct raise these for broken packages; RuntimeError is for encrypted ones.
     except (zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError) as error:
-        raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
+        raise InputError("a 3MF", f"a broken package: {reason_of(error)}", "export it again") from None
     # Names and numbers that are missing or invalid.
     except (ValueError, KeyError, OverflowError):
         raise InputError("the numbers of a 3MF", "missing or invalid ones", "export it again") from None
@@ -356,7 +356,7 @@ def _elements(package: zipfile.ZipFile, info: zipfile.ZipInfo | None) -> Iterato
         if info:
             parser.Parse(b"", True)
     except expat.ExpatError as error:
-        raise InputError("complete XML", brief(str(error)), "export it again") from None
+        raise InputError("complete XML", reason_of(error), "export it again") from None
     yield from events
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, reason_of
 from markergen.geometry.contour import Contour, placed
 from markergen.read.outlines.curves import Arc, Curve, Polyline, Spline, bulge
 from markergen.read.outlines.formats import (
@@ -261,7 +261,7 @@ def _document(file: OutlineFile) -> "Document":
     try:
         return ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
     except ezdxf.DXFVersionError as error:  # type: ignore[attr-defined]
-        raise file.unreadable("DXF of R12 or later", brief(str(error)), "save it in a later version") from None
+        raise file.unreadable("DXF of R12 or later", reason_of(error), "save it in a later version") from None
     except Exception as error:  # Damaged files also raise errors that are not ezdxf's own.
         return _repaired(text, file, error)
 

@@ -19,7 +19,7 @@ from xml.parsers import expat
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import brief
+from markergen.errors import brief, reason_of
 from markergen.geometry.contour import Contour, box, mirrored, placed, radius_of
 from markergen.geometry.region import Region
 from markergen.read.outlines.curves import MOST_POINTS, Arc, Bezier, Curve, Polyline
@@ -456,7 +456,7 @@ def parse_svg(file: OutlineFile) -> Element:
     except expat.ExpatError as error:
         raise file.damaged("complete XML", f"line {error.lineno}: {expat.ErrorString(error.code)}") from None
     except (ValueError, LookupError) as error:  # An encoding that Python does not know.
-        raise file.damaged("XML", brief(str(error))) from None
+        raise file.damaged("XML", reason_of(error)) from None
     root = builder.close()
     if root.tag != "svg":
         raise file.unreadable("an svg element", brief(root.tag), "check the path")
