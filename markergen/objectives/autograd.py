@@ -2,6 +2,7 @@
 
 # tests: tests/objectives/test_autograd.py tests/objectives/test_callers.py
 
+import inspect
 import re
 from abc import abstractmethod
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from autograd.core import make_vjp
 from autograd.extend import defvjp, primitive
 
 from markergen.arrays import Array as Array
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.maths.information import covariance
 from markergen.maths.projection import perspective, to_camera
 from markergen.objectives.base import OBJECTIVES, Objective, Pullback, Setting
@@ -140,7 +141,24 @@ class FunctionObjective(AutogradObjective):
 
     def values(self, points: Array) -> Array:
         """See `AutogradObjective.values`."""
-        return type(self).function(points, self)
+        values = type(self).function(points, self)
+        if getattr(values, "ndim", 0) != 2:
+            found = f"shape {values.shape}" if hasattr(values, "shape") else brief(values)
+            remedy = f"return a value for each layout and pose, here ({len(points)}, {len(self.setting.poses)})"
+            raise InputError("values (B, P) of the objective", found, remedy)
+        return values
+
+
+def _check_arguments(function: Callable[..., Any], name: str) -> None:
+    try:
+        form = inspect.signature(function)
+    except ValueError:  # Compiled functions may have none.
+        return
+    try:
+        form.bind("points", "view")
+    except TypeError:
+        remedy = "points are (B, n, 2 or 3) in m; see help(markergen.Objective)"
+        raise InputError("a function of points and view", f"{name}{form}", remedy) from None
 
 
 def objective_name(objective: Any) -> str:
@@ -161,6 +179,8 @@ def objective_name(objective: Any) -> str:
     if not callable(objective):
         remedy = "give a name, a function of points and view, or a subclass of Objective"
         raise InputError("an objective", f"objective of type {name}", remedy)
+    if not isinstance(objective, type):
+        _check_arguments(objective, name)
     # A lambda's is <lambda>.
     name = re.sub(r"\W", "", name).lower()
     entry = objective if isinstance(objective, type) else type(name, (FunctionObjective,), {"function": objective})

@@ -51,6 +51,19 @@ def test_a_class_is_minimized_and_a_cell_may_be_run_again():
     assert 0 < value < 1
 
 
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [
+        (lambda points: 1, r"points and view, found <lambda>\(points\)"),
+        (lambda points, view: "a", "found 'a'"),
+        (lambda points, view: anp.sum(points**2), r"found shape \(\); .* \(\d+, 20\)"),
+    ],
+)
+def test_a_function_of_another_form_is_refused(objective, words):
+    with pytest.raises(mg.InputError, match=words):
+        mg.design(objective=objective, **FEW)
+
+
 @pytest.mark.parametrize("objective", [5, ["pose"], type("Pose", (), {}), type("Own", (), {})])
 def test_what_is_no_objective_is_refused(objective):
     with pytest.raises(mg.InputError):

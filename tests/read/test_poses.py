@@ -374,3 +374,11 @@ def test_what_a_marker_carries_is_checked(change, words):
 def test_poses_are_text_or_a_table(value):
     with pytest.raises(InputError, match="expected poses, found"):
         spec_from_mapping({"poses": value})
+
+
+@pytest.mark.parametrize(
+    ("poses", "words"), [(np.zeros((4, 5)), r"shape \(4, 5\); give"), (np.ones((3, 4, 4)), "0 0 0 1; transpose")]
+)
+def test_arrays_that_are_no_poses_are_known_by_their_shape(poses, words):
+    with pytest.raises(InputError, match=words):
+        poses_from(poses)
