@@ -124,7 +124,11 @@ def flat_findings(
         x, y = to_cut[strange].mean(axis=1)[0]
         what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
         extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
-    unclaimed = _unclaimed(page, marker, dots, judged, factor)
+    unclaimed, left_open = _unclaimed(page, marker, dots, judged, factor)
+    if len(left_open):
+        x, y = left_open.mean(axis=1)[0]
+        what = f"a side of the tag is not to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
+        extra.append(Finding("tag", what, "close it, or export it again"))
     if len(unclaimed):
         x, y = unclaimed.mean(axis=1)[0]
         what = f"lines that are neither dot nor tag are to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
@@ -134,10 +138,10 @@ def flat_findings(
 
 def _unclaimed(
     page: Page, marker: Marker, dots: DotSet, verdicts: Sequence[Verdict], factor: tuple[float, float]
-) -> Array:
-    """Lines to engrave (m, 2, 2) that belong to no dot, whether it is the marker's or extra, and not to the tag, mm."""
+) -> tuple[Array, Array]:
+    """Lines to engrave (m, 2, 2) that belong to no dot, be it extra, and not to the tag, mm; and the tag's missing."""
     if page.engraved is None or any(verdict.findings for verdict in verdicts):
-        return np.zeros((0, 2, 2))
+        return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     motions = [verdict.motion for verdict in verdicts if verdict.motion is not None]
     tag = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines] if marker.tag is not None else []
     rings = [_to_page(ring, motion, factor) for ring in tag for motion in motions]
@@ -146,7 +150,8 @@ def _unclaimed(
         circles = radii[radii > 0, None] * around
         rings += list(dots.centers[radii > 0, None] + np.stack([circles.real, circles.imag], axis=-1))
     wanted = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-    return page.engraved[strays(page.engraved, wanted)]
+    of_tag = wanted[: sum(map(len, tag)) * len(motions)]
+    return page.engraved[strays(page.engraved, wanted)], of_tag[strays(of_tag, page.engraved)]
 
 
 def _with_absent(

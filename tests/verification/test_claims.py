@@ -174,7 +174,12 @@ def cross_in_a_dot(document, space):
     space.add_line(center + (2, 0), center - (2, 0), dxfattribs={"layer": "ENGRAVE"})
 
 
+def open_tag(document, space):
+    entity(space, "LWPOLYLINE").closed = False
+
+
 ENTITIES = {
+    "tag with an open outline": (open_tag, "tag"),
     "line to cut from the outline": (line_to_cut, "outline"),
     "cross in a dot": (cross_in_a_dot, "extra"),
     "circle in paper space": (in_paper_space, "covered"),
