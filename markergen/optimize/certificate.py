@@ -19,6 +19,16 @@ caps around y_k, any layout of n dots has
 
     A^-2 <= sum_k mu_k + n max_x u(x),    u(x) = s(x) - sum_k mu_k phi(|x - y_k|).
 
+**Several rooms.** Dots of several sizes on one plate, or on the plates of a rig, are in rooms of their own: n_c in room
+c. Their matrices add up once they are of the same body's pose, so they have the same weights of sensitivities, and with
+caps in each room
+
+    A^-2 <= sum_c (sum_k mu_ck + n_c max_x u_c(x)).
+
+A dot that a pose does not see adds nothing, wherever it might be seen from: it is counted wherever it is, for all poses
+that see a dot at any of a grid of places in its room, which only lowers the bound. That is *tested*. Caps between rooms
+are left out. The value is over poses that the layout serves: bounded are layouts that serve these as well.
+
 **The whole room.** The maximum is over the continuous room, by branch and bound: u is at most its value at the center
 of a box plus gradient and curvature times the box's size, and boxes that cannot exceed the best point found are left
 out, others are quartered. s is a polynomial, whose derivatives Markov's inequality bounds: the M_p(x) are
@@ -43,7 +53,7 @@ the smallest of the known bounds sum_x w_x s(x) over w, and gives the next w and
 Experiments (1993), has the theory without caps.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +61,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
-from markergen.maths.information import covariance
+from markergen.maths.information import covariance, moved_information
 from markergen.maths.rotation import turn_z
 from markergen.model.camera import NO_DISTORTION
 from markergen.objectives import Objective
@@ -150,6 +160,8 @@ class Certificate:
         Smallest gap in m that the dots were to keep; 0 if only their clearance.
     proven : bool
         Whether all of the bound is proven, or a part of it tested at random places.
+    rooms : int
+        Number of rooms: plates of a rig, or sizes of dots.
     """
 
     n: int
@@ -158,6 +170,7 @@ class Certificate:
     reason: str = ""
     apart: float = 0.0
     proven: bool = True
+    rooms: int = 1
 
     @property
     def gap(self) -> float:
@@ -174,7 +187,8 @@ class Certificate:
         apart = f", {format_length(self.apart)} or more apart," if self.apart else ""
         doubts = [word for word, holds in (("weak", self.gap > WEAK), ("tested, not proven", not self.proven)) if holds]
         doubt = f" (the bound is {' and '.join(doubts)})" if doubts else ""
-        return f"no {self.n} dots in this room{apart} can be more than {percent:.1f} % better{doubt}"
+        room = "this room" if self.rooms == 1 else "these rooms"
+        return f"no {self.n} dots in {room}{apart} can be more than {percent:.1f} % better{doubt}"
 
 
 def certify(
@@ -195,14 +209,53 @@ def certify(
         return certify(objective.terms[0][1], region, points, progress)
     if not isinstance(objective, TraceObjective):
         return Certificate(n, value, reason="the objective is not a convex function of the layout")
+    return certify_rooms(objective, [Room(objective, region, points)], value, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Room of dots of one size on one plate, which add to the information on the pose of a body.
+
+    Attributes
+    ----------
+    objective : TraceObjective
+        Gives their information, in the plate's frame.
+    points : array (n, 2), m
+    seen : array (P,) of bool or None
+        Poses that may see a dot of the room; None for all.
+    offset : array (P, 3) or None
+        Vectors in m from the body's origin to the plate's, camera frame; None if they are the same.
+    """
+
+    objective: TraceObjective
+    region: FeasibleRegion
+    points: Array
+    seen: Mask | None = None
+    offset: Array | None = None
+
+    def information(self, places: Array) -> Array:
+        """Information (C, P, k, k) on the body's pose of dots at places (C, 2)."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            matrices = self.objective.information(places[:, None])[0]
+            matrices = matrices if self.offset is None else moved_information(matrices, -self.offset)
+        return matrices if self.seen is None else np.where(self.seen[:, None, None], matrices, 0.0)
+
+
+def certify_rooms(
+    objective: TraceObjective, rooms: Sequence[Room], value: float, progress: Progress | None = None
+) -> Certificate:
+    """Certificate of a layout with a value in an objective of the body's pose, of dots in one or several rooms."""
+    n = sum(len(room.points) for room in rooms)
     if objective.aggregate.partition(":")[0] not in EXPONENTS:
         return Certificate(n, value, reason=f"the aggregate {objective.aggregate} is not known to be convex")
     for degree in DEGREES:
-        program = _Program(_Fields(objective, region, degree), region, points, value)
+        program = _Program(objective, rooms, degree, value)
         if program.accurate:
-            apart = region.gap if region.gap > region.clearance else 0.0
+            regions = [room.region for room in rooms]
+            apart = min(region.gap if region.gap > region.clearance else 0.0 for region in regions)
             lower_bound = value / np.sqrt(program.solve(progress))
-            return Certificate(n, value, lower_bound, apart=apart, proven=program.fields.proven)
+            proven = all(part.fields.proven for part in program.parts)
+            return Certificate(n, value, lower_bound, apart=apart, proven=proven, rooms=len(rooms))
     return Certificate(n, value, reason="some pose is too close to the marker, or its lens model ends there")
 
 
@@ -213,8 +266,9 @@ class _Fields:
     is s at that place.
     """
 
-    def __init__(self, objective: TraceObjective, region: FeasibleRegion, degree: int) -> None:
-        self.objective = objective
+    def __init__(self, room: Room, degree: int) -> None:
+        self.room, region = room, room.region
+        self.objective = objective = room.objective
         corners = np.concatenate(region.boundary.outlines())
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
         self.half = np.maximum(np.ptp(corners, axis=0) / 2 - region.inset, 0.0) + 1e-6 * region.boundary.radius
@@ -246,7 +300,7 @@ class _Fields:
 
     def _packed(self, places: Array) -> Array:
         """Information matrices (C, P T) of dots at places (C, 2), their entries on and above the diagonal."""
-        parts = [self.objective.information(part[:, None])[0] for part in np.array_split(places, len(places) // 16 + 1)]
+        parts = [self.room.information(part) for part in np.array_split(places, len(places) // 16 + 1)]
         i, j = self._upper
         return np.concatenate(parts)[..., i, j].reshape(len(places), -1)
 
@@ -255,45 +309,9 @@ class _Fields:
         x, y = np.moveaxis((places - self.middle) / self.half, -1, 0)
         return chebyshev.chebvander(x, self._shape[0] - 1), chebyshev.chebvander(y, self._shape[1] - 1)
 
-    def _values(self, moments: Array) -> tuple[Array, Array]:
-        """C (P, k, k) and values (P,) at a measure with moments (d + 1, d + 1), sums of products of the basis."""
-        i, j = self._upper
-        matrix = np.empty_like(self.objective.weight)
-        matrix[:, i, j] = matrix[:, j, i] = (moments.ravel() @ self._coefficients).reshape(len(matrix), -1)
-        inverse = covariance(matrix)
-        return inverse, np.sqrt(np.einsum("pij,pji->p", self.objective.weight, inverse))
-
-    def sensitivity(self, moments: Array, softness: float) -> Array:
-        """Sensitivity (P T,) at a measure; aggregates with kinks take weights q of the softened aggregate."""
-        inverse, values = self._values(moments)
-        turned = inverse @ self.objective.weight @ inverse
-        exponent, share = EXPONENTS[self.objective.aggregate.partition(":")[0]], self._shares(values, softness)
-        if exponent:
-            whole = np.sum(share * values**exponent) ** (-2 / exponent - 1)
-        else:
-            whole = np.exp(-2 * np.sum(share * np.log(values)))
-        weights = share * values ** (exponent - 2) * whole
-        i, j = self._upper
-        packed = turned[:, i, j] * np.where(i == j, 1.0, 2.0) * weights[:, None]
-        return packed.ravel()
-
-    def worth(self, moments: Array) -> float:
-        """A^-2 of a measure."""
-        return float(self.objective.aggregated(self._values(moments)[1], 0.0)[0]) ** -2
-
-    def _shares(self, values: Array, softness: float) -> Array:
-        """Weights q (P,) for which (sum q v^t)^(1/t) is at most the aggregate, for all values v."""
-        name, _, level = self.objective.aggregate.partition(":")
-        count, weight = len(values), self.objective.setting.poses.weight
-        mass = np.ones(count) if weight is None else weight / weight.mean()
-        if name == "max":
-            share = self.objective.aggregated(values, softness)[1] * values
-            return share / share.sum()
-        if name == "cvar":
-            worst = max((1 - float(level or DEFAULT_LEVEL)) * count, 1.0)
-            share = self.objective.aggregated(values, softness)[1]
-            return share / max(share.sum(), worst * (share / mass).max())
-        return mass / count
+    def information(self, moments: Array) -> Array:
+        """Packed matrices (P T,) of a measure with moments (d + 1, d + 1), sums of products of the basis."""
+        return np.asarray(moments.ravel() @ self._coefficients)
 
     def polynomial(self, sensitivity: Array) -> Array:
         """Chebyshev coefficients (d + 1, d + 1) of a sensitivity as a function of the place."""
@@ -321,131 +339,123 @@ class _Fields:
         return float(errors.min(axis=0).sum())
 
 
-class _Program:
-    """Linear programs whose multipliers give a bound; values are in units of that of the layout, A^-2 in its own."""
+class _Worth:
+    """The objective as a function of packed information matrices (P T,)."""
 
-    def __init__(self, fields: _Fields, region: FeasibleRegion, points: Array, value: float) -> None:
-        self.fields, self.region, self.n, self.square = fields, region, len(points), value**2
+    def __init__(self, objective: TraceObjective) -> None:
+        self.objective = objective
+        self._upper = np.triu_indices(objective.weight.shape[-1])
+
+    def _values(self, packed: Array) -> tuple[Array, Array]:
+        """C (P, k, k) and values (P,)."""
+        i, j = self._upper
+        matrix = np.empty_like(self.objective.weight)
+        matrix[:, i, j] = matrix[:, j, i] = packed.reshape(len(matrix), -1)
+        inverse = covariance(matrix)
+        return inverse, np.sqrt(np.einsum("pij,pji->p", self.objective.weight, inverse))
+
+    def sensitivity(self, packed: Array, softness: float) -> Array:
+        """Sensitivity (P T,); aggregates with kinks take weights q of the softened aggregate."""
+        inverse, values = self._values(packed)
+        turned = inverse @ self.objective.weight @ inverse
+        exponent, share = EXPONENTS[self.objective.aggregate.partition(":")[0]], self._shares(values, softness)
+        if exponent:
+            whole = np.sum(share * values**exponent) ** (-2 / exponent - 1)
+        else:
+            whole = np.exp(-2 * np.sum(share * np.log(values)))
+        weights = share * values ** (exponent - 2) * whole
+        i, j = self._upper
+        flat = turned[:, i, j] * np.where(i == j, 1.0, 2.0) * weights[:, None]
+        return flat.ravel()
+
+    def worth(self, packed: Array) -> float:
+        """A^-2."""
+        return float(self.objective.aggregated(self._values(packed)[1], 0.0)[0]) ** -2
+
+    def _shares(self, values: Array, softness: float) -> Array:
+        """Weights q (P,) for which (sum q v^t)^(1/t) is at most the aggregate, for all values v."""
+        name, _, level = self.objective.aggregate.partition(":")
+        count, weight = len(values), self.objective.setting.poses.weight
+        mass = np.ones(count) if weight is None else weight / weight.mean()
+        if name == "max":
+            share = self.objective.aggregated(values, softness)[1] * values
+            return share / share.sum()
+        if name == "cvar":
+            worst = max((1 - float(level or DEFAULT_LEVEL)) * count, 1.0)
+            share = self.objective.aggregated(values, softness)[1]
+            return share / max(share.sum(), worst * (share / mass).max())
+        return mass / count
+
+
+class _Part:
+    """A room's candidate places, caps and branch and bound; values are in units of A^-2 of the layout."""
+
+    def __init__(self, worth: _Worth, rooms: Sequence[Room], fields: Sequence[_Fields], k: int, square: float) -> None:
+        room, self.fields, region = rooms[k], fields[k], rooms[k].region
+        self.region, self.n = region, len(room.points)
         self.pitch = max(region.spacing - _SLACK, 0.0)
         self.boxes = 0
-        # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
-        angles = np.linspace(0.0, 2 * np.pi, ORBIT if len(region.walls) == 1 else 1, endpoint=False)
-        turns, candidates = turn_z(angles)[:, :2, :2], _candidates(region)
-        x, y = fields.basis(points @ turns)
-        self.start = np.einsum("tcx,tcy->xy", x, y) / len(turns)
-        x, y = fields.basis(candidates @ turns)
-        seen = np.sum(x @ fields.polynomial(fields.sensitivity(self.start, 0.1)) * y, axis=-1) * self.square
+        candidates = candidates_of(region, len(rooms))
+        starts = [_turned_moments(other, part) for other, part in zip(rooms, fields, strict=True)]
+        start = sum((part.information(moments) for part, moments in zip(fields, starts, strict=True)), np.zeros(()))
+        self.start = self.fields.information(starts[k])
+        turns = _turns(region)
+        x, y = self.fields.basis(candidates @ turns)
+        seen = np.sum(x @ self.fields.polynomial(worth.sensitivity(start, 0.1)) * y, axis=-1) * square
         self.turns = turns if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2 else turns[:1]
-        self.places = np.concatenate([points, candidates[_in_wedge(candidates, len(self.turns))]])
-        self.basis = fields.basis(self.places @ self.turns)
-        self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
+        self.places = np.concatenate([room.points, candidates[_in_wedge(candidates, len(self.turns))]])
+        self.basis = self.fields.basis(self.places @ self.turns)
+        coarse = max(COARSE // len(self.turns), 1)
+        self.caps = self.places[::coarse] if self.pitch else np.zeros((0, 2))
+        self.column = np.arange(len(self.places)) % coarse == 0
+        self.column[: self.n] = True
 
-    @property
-    def accurate(self) -> bool:
-        """True if the error of the interpolation is far below the gaps that matter."""
-        start = self.fields.sensitivity(self.start, 0.1) * self.square
-        return self.n * self.fields.error(start) < ACCURATE
-
-    def _moments(self, weights: Array) -> Array:
+    def information(self, weights: Array) -> Array:
+        """Packed matrices (P T,) of a measure with weights (C,) of the places."""
         x, y = (values[:, weights > 0] for values in self.basis)
-        return np.asarray(np.einsum("tcx,c,tcy->xy", x, weights[weights > 0], y, optimize=True) / len(self.turns))
+        moments = np.einsum("tcx,c,tcy->xy", x, weights[weights > 0], y, optimize=True) / len(self.turns)
+        return self.fields.information(moments)
 
-    def _turned(self, places: Array, weights: Array) -> tuple[Array, Array]:
+    def turned(self, places: Array, weights: Array) -> tuple[Array, Array]:
         """Places (T C, 2) to which places (C, 2) are turned, and their shares of weights (C,)."""
         return (places @ self.turns).reshape(-1, 2), np.tile(weights / len(self.turns), len(self.turns))
 
-    def solve(self, progress: Progress | None) -> float:
-        """Upper bound of A^-2 for n dots, in units of the layout's."""
-        fields, moments, cuts, work = self.fields, self.start, list[Array](), 0
-        coarse = max(COARSE // len(self.turns), 1)
-        caps = self.places[::coarse] if self.pitch else np.zeros((0, 2))
-        column = np.arange(len(self.places)) % coarse == 0
-        column[: self.n] = True
-        best, since = np.inf, 0
-        for done in range(ROUNDS):
-            if progress:
-                progress("lower bound", done, ROUNDS)
-            cuts.append(fields.sensitivity(moments, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
-            seen = np.array([self._at_places(cut) for cut in cuts])
-            weights, shares, prices = self._linear_program(seen, caps, np.flatnonzero(column))
-            work += (len(cuts) + len(caps)) * int(column.sum())
-            cut, priced = shares @ cuts, prices > 0
-            around = self._turned(caps[priced], prices[priced])
-            excess = shares @ seen - _cap(self.places, *around, self.pitch, 0.0)[0]
-            least = float(excess[column].max())
-            bound = prices.sum() + self.n * max(float(excess.max()), 0.0)
-            before, more, since = best, np.zeros((0, 2)), since + 1
-            if bound - 1 < (best - 1) * NOTICEABLE:
-                tolerance = max(CLOSE / 2, (bound - 1) / 20) / self.n
-                highest, more = self._highest(cut, *around, least, tolerance)
-                best = min(best, float(prices.sum() + self.n * (highest + fields.error(cut))))
-                since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + TRIED - 1
-            crowded = self._crowded(weights)
-            reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
-            if is_due() or best < reached + CLOSE or since >= PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
-                break
-            used = weights > 0
-            load = _cap(caps, *self._turned(self.places[used], weights[used]), self.pitch, 0.0)[0]
-            caps = np.concatenate([caps[load > SLACKEST], crowded])
-            outside = np.where(column, -np.inf, excess)
-            column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
-            target = self._moments(weights)
-            moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
-            column = np.append(column, np.ones(len(more), dtype=bool))
-            self.places = np.concatenate([self.places, more])
-            self.basis = fields.basis(self.places @ self.turns)
-        if progress:
-            progress("lower bound", ROUNDS, ROUNDS)
-        return best
-
-    def _at_places(self, cut: Array) -> Array:
+    def at_places(self, cut: Array) -> Array:
+        """A sensitivity at the places (C,)."""
         x, y = self.basis
         return np.asarray(np.sum(x @ self.fields.polynomial(cut) * y, axis=-1).mean(axis=0))
 
-    def _linear_program(self, seen: Array, caps: Array, column: Index) -> tuple[Array, Array, Array]:
-        """Weights (C,) of the places, shares of the bounds with sum 1, and multipliers of the caps.
+    def cover(self) -> Array:
+        """Values of the caps (K, C) at the places in columns."""
+        turned = self.places[self.column] @ self.turns
+        return np.asarray(sum(_overlap(self.caps, places, self.pitch) for places in turned) / len(turned))
 
-        They maximize the smallest bound over the weights of the places in columns.
-        """
-        from scipy.optimize import linprog
-        from scipy.sparse import csc_array
+    def extend(self, weights: Array, excess: Array, least: float, crowded: Array, more: Array) -> None:
+        """Take the caps and places into the next linear program that the last one and its bound were short of."""
+        used = weights > 0
+        load = _cap(self.caps, *self.turned(self.places[used], weights[used]), self.pitch, 0.0)[0]
+        self.caps = np.concatenate([self.caps[load > SLACKEST], crowded])
+        outside = np.where(self.column, -np.inf, excess)
+        self.column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
+        self.column = np.append(self.column, np.ones(len(more), dtype=bool))
+        self.places = np.concatenate([self.places, more])
+        self.basis = self.fields.basis(self.places @ self.turns)
 
-        turned = self.places[column] @ self.turns
-        cover = sum(_overlap(caps, places, self.pitch) for places in turned) / len(turned)
-        # At most n in total: where dots are jammed, places for exactly n would make the multipliers huge.
-        rows = np.concatenate([-seen[:, column], cover, np.ones((1, len(column)))])
-        epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps) + 1))
-        result = linprog(
-            np.append(np.zeros(len(column)), -1.0),
-            csc_array(np.column_stack([rows, epigraph])),
-            np.concatenate([np.zeros(len(seen)), np.ones(len(caps)), [self.n]]),
-            bounds=[(0, None)] * len(column) + [(None, None)],
-            # In round rooms the programs are degenerate, and the simplex method takes seven times as long.
-            method="highs-ipm",
-        )
-        if result.x is None:
-            # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
-            return self._design, np.eye(len(seen))[0], np.zeros(len(caps))
-        weights, prices = np.zeros(len(self.places)), np.maximum(-result.ineqlin.marginals, 0.0)
-        weights[column] = np.maximum(result.x[:-1], 0.0)
-        shares = prices[: len(seen)]
-        return weights, shares / shares.sum(), prices[len(seen) : -1]
-
-    def _crowded(self, weights: Array) -> Array:
+    def crowded(self, weights: Array) -> Array:
         """Centers (c, 2) of caps that a measure violates."""
         if not self.pitch:
             return np.zeros((0, 2))
         from scipy.spatial import cKDTree
 
         used = weights > 1e-9
-        held, weights = self._turned(self.places[used], weights[used])
+        held, weights = self.turned(self.places[used], weights[used])
         i, j = cKDTree(held).query_pairs(self.pitch, output_type="ndarray").T
         centers = np.concatenate([(held[i] + held[j]) / 2, held, self.places])
         centers = centers[_in_wedge(centers, len(self.turns))]
         load = _cap(centers, held, weights, self.pitch, 0.0)[0]
         return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]
 
-    def _highest(self, cut: Array, caps: Array, prices: Array, least: float, tolerance: float) -> tuple[float, Array]:
+    def highest(self, cut: Array, caps: Array, prices: Array, least: float, tolerance: float) -> tuple[float, Array]:
         """Upper bound of u over the room, at most the tolerance too large, and places (c, 2) where u exceeds `least`.
 
         See the module. Where the limits of branch and bound end it, the bound is larger than need be, still valid.
@@ -508,6 +518,117 @@ class _Program:
         peaks, scores = (values[_in_wedge(peaks, len(self.turns))] for values in (peaks, scores))
         chosen = _apart(peaks, scores, least, self.pitch / 20)
         return max(best + tolerance, float(upper.max()), 0.0), peaks[chosen]
+
+
+class _Program:
+    """Linear programs whose multipliers give a bound; values are in units of that of the layout, A^-2 in its own."""
+
+    def __init__(self, objective: TraceObjective, rooms: Sequence[Room], degree: int, value: float) -> None:
+        self.worth, self.square = _Worth(objective), value**2
+        fields = [_Fields(room, degree) for room in rooms]
+        self.parts = [_Part(self.worth, rooms, fields, k, self.square) for k in range(len(rooms))]
+        self.n = sum(part.n for part in self.parts)
+        self.start = sum((part.start for part in self.parts), np.zeros(()))
+
+    @property
+    def accurate(self) -> bool:
+        """True if the error of the interpolation is far below the gaps that matter."""
+        start = self.worth.sensitivity(self.start, 0.1) * self.square
+        return sum(part.n * part.fields.error(start) for part in self.parts) < ACCURATE
+
+    def solve(self, progress: Progress | None) -> float:
+        """Upper bound of A^-2 for the dots of all rooms, in units of the layout's."""
+        parts, measure, cuts, work = self.parts, self.start, list[Array](), 0
+        best, since = np.inf, 0
+        for done in range(ROUNDS):
+            if progress:
+                progress("lower bound", done, ROUNDS)
+            cuts.append(self.worth.sensitivity(measure, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
+            seen = [np.array([part.at_places(cut) for cut in cuts]) for part in parts]
+            weights, shares, prices = self._linear_program(seen)
+            work += (len(cuts) + sum(len(part.caps) for part in parts)) * sum(int(part.column.sum()) for part in parts)
+            cut = shares @ cuts
+            around = [part.turned(part.caps[mu > 0], mu[mu > 0]) for part, mu in zip(parts, prices, strict=True)]
+            excess = [
+                shares @ at - _cap(part.places, *near, part.pitch, 0.0)[0]
+                for part, at, near in zip(parts, seen, around, strict=True)
+            ]
+            least = [float(u[part.column].max()) for part, u in zip(parts, excess, strict=True)]
+            paid = sum(float(mu.sum()) for mu in prices)
+            bound = paid + sum(part.n * max(float(u.max()), 0.0) for part, u in zip(parts, excess, strict=True))
+            before, more, since = best, [np.zeros((0, 2)) for _ in parts], since + 1
+            if bound - 1 < (best - 1) * NOTICEABLE:
+                tolerance, judged = max(CLOSE / 2, (bound - 1) / 20) / self.n, paid
+                for k, part in enumerate(parts):
+                    highest, more[k] = part.highest(cut, *around[k], least[k], tolerance)
+                    judged += part.n * (highest + part.fields.error(cut))
+                best = min(best, float(judged))
+                since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + TRIED - 1
+            crowded = [part.crowded(w) for part, w in zip(parts, weights, strict=True)]
+            reached = 1.0 if any(map(len, crowded)) else self.worth.worth(measure) * self.square
+            boxes = sum(part.boxes for part in parts)
+            if is_due() or best < reached + CLOSE or since >= PATIENCE or work > WORK or boxes > BOXES_IN_ALL:
+                break
+            target = sum((part.information(w) for part, w in zip(parts, weights, strict=True)), np.zeros(()))
+            measure = max((measure + step * (target - measure) for step in STEPS), key=self.worth.worth)
+            for part, *found in zip(parts, weights, excess, least, crowded, more, strict=True):
+                part.extend(*found)
+        if progress:
+            progress("lower bound", ROUNDS, ROUNDS)
+        return best
+
+    def _linear_program(self, seen: Sequence[Array]) -> tuple[list[Array], Array, list[Array]]:
+        """Weights (C,) of the places of each room, shares of the bounds with sum 1, and multipliers of the caps.
+
+        They maximize the smallest bound over the weights of the places in columns.
+        """
+        from scipy.linalg import block_diag
+        from scipy.optimize import linprog
+        from scipy.sparse import csc_array
+
+        parts, count = self.parts, len(seen[0])
+        columns = [np.flatnonzero(part.column) for part in parts]
+        # At most n in total: where dots are jammed, places for exactly n would make the multipliers huge.
+        rows = np.concatenate(
+            [
+                -np.concatenate([at[:, column] for at, column in zip(seen, columns, strict=True)], axis=1),
+                block_diag(*(part.cover() for part in parts)),
+                block_diag(*(np.ones((1, len(column))) for column in columns)),
+            ]
+        )
+        rest = np.zeros(len(rows) - count)
+        most = np.concatenate([np.zeros(count), np.ones(len(rest) - len(parts)), [part.n for part in parts]])
+        result = linprog(
+            np.append(np.zeros(rows.shape[1]), -1.0),
+            csc_array(np.column_stack([rows, np.append(np.ones(count), rest)])),
+            most,
+            bounds=[(0, None)] * rows.shape[1] + [(None, None)],
+            # In round rooms the programs are degenerate, and the simplex method takes seven times as long.
+            method="highs-ipm",
+        )
+        weights = [np.where(np.arange(len(part.places)) < part.n, 1.0, 0.0) for part in parts]
+        if result.x is None:
+            # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
+            return weights, np.eye(count)[0], [np.zeros(len(part.caps)) for part in parts]
+        ends = np.cumsum([len(column) for column in columns])
+        for w, column, values in zip(weights, columns, np.split(result.x[:-1], ends[:-1]), strict=True):
+            w[:] = 0.0
+            w[column] = np.maximum(values, 0.0)
+        prices = np.maximum(-result.ineqlin.marginals, 0.0)
+        shares, ends = prices[:count], count + np.cumsum([len(part.caps) for part in parts])
+        return weights, shares / shares.sum(), np.split(prices[: ends[-1]], [count, *ends[:-1]])[1:]
+
+
+def _turns(region: FeasibleRegion) -> Array:
+    """Rotations (T, 2, 2) of a disk: a layout turned by all is a measure that keeps the caps, and often the best."""
+    angles = np.linspace(0.0, 2 * np.pi, ORBIT if len(region.walls) == 1 else 1, endpoint=False)
+    return turn_z(angles)[:, :2, :2]
+
+
+def _turned_moments(room: Room, fields: _Fields) -> Array:
+    turns = _turns(room.region)
+    x, y = fields.basis(room.points @ turns)
+    return np.asarray(np.einsum("tcx,tcy->xy", x, y) / len(turns))
 
 
 def _in_wedge(places: Array, count: int) -> Mask:
@@ -575,18 +696,18 @@ def _apart(places: Array, score: Array, least: float, apart: float) -> Index:
     return np.array(chosen, dtype=np.int64)
 
 
-def _candidates(region: FeasibleRegion) -> Array:
-    """Places (C, 2) in m on the edge of the region and inside."""
+def candidates_of(region: FeasibleRegion, rooms: int) -> Array:
+    """Places (C, 2) in m on the edge of one of several regions and inside."""
     boundary = region.boundary
     rings = boundary.outlines()
     around = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=-1).sum()) for ring in rings)
     edge = []
     for ring in rings:
         step = np.roll(ring, -1, axis=0) - ring
-        parts = np.ceil(np.linalg.norm(step, axis=-1) * EDGE / around).astype(int)
+        parts = np.ceil(np.linalg.norm(step, axis=-1) * EDGE / rooms / around).astype(int)
         edge += [a + np.arange(k)[:, None] / k * d for a, d, k in zip(ring, step, np.maximum(parts, 1), strict=True)]
     low, high = np.concatenate(rings).min(axis=0), np.concatenate(rings).max(axis=0)
-    pitch = np.sqrt(boundary.area / INSIDE)
+    pitch = np.sqrt(boundary.area * rooms / INSIDE)
     x, y = (np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     grid = grid[boundary.depth(grid) >= region.inset]

@@ -14,6 +14,7 @@ scale serves the poses that see it whole, up to a little beyond the farthest tha
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 from math import ceil, inf, log
 from time import perf_counter
@@ -38,10 +39,11 @@ from markergen.model.sight import Coverage, coverage, disks_in_view, distance_ta
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.aggregates import aggregate_of
-from markergen.objectives.base import Carrier, Sight
+from markergen.objectives.base import Carrier, Sight, TraceObjective
 from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
+from markergen.optimize.certificate import Certificate, Room, candidates_of, certify_rooms
 from markergen.optimize.design import Account, Design
 from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes, sources_of
 from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of
@@ -83,6 +85,9 @@ ROUNDS = 2
 
 Without any, the error of a pad for 0.2 to 5 m is 0.9 % larger, of one for 0.15 to 3 m 0.1 %; one, two and three give
 the same there and for 0.3 to 10 m."""
+
+SPARSE = 10
+"""One in so many candidate places of a certificate shows whether a pose sees any dot of a room."""
 
 LEAST_SHRINK = 1e-3
 """Smallest radius of a scale, as a fraction of the marker's."""
@@ -201,6 +206,31 @@ class JointProblem:
         setting = Setting(self.spec.boundary, self.spec.camera, self.poses.taken(served, 0))
         lead = OBJECTIVES[parse_goal(self.spec.objective).lead](setting, self.spec.aggregate)
         return len(self.poses) - len(served), float(lead.aggregated(errors[served], 0.0)[0])
+
+    def certify(self, blocks: Sequence[Block], progress: Progress | None = None) -> Certificate:
+        """Lower bound on the `value` of any dots in the rooms of the blocks that serve the same poses."""
+        covered, goal = self.see(blocks), parse_goal(self.spec.objective)
+        n, served = len(covered.points), np.flatnonzero(covered.served)
+        _, value = self.value(covered, self.errors(covered, self.information(blocks, covered)))
+        if len(goal.terms) > 1 or self.spec.survive:
+            words = "is a weighted sum" if len(goal.terms) > 1 else "counts lost dots"
+            return Certificate(n, value, reason=f"the objective {words}")
+        poses, start, rooms = self.poses.taken(served, 0), 0, []
+        for block in blocks:
+            dots = slice(start, start := start + len(block.points))
+            views, offset = views_of(block.face, poses)
+            places = candidates_of(block.region, SPARSE)
+            diameters = np.full(len(places), block.diameter)
+            seen = disks_in_view(places, diameters, self.spec.camera, views, 0.0).any(axis=1)
+            seen |= covered.seen[served, dots].any(axis=1)
+            noise = DotNoise(block.diameter, self.spec.image_noise, self.spec.print_sigma)
+            objective = OBJECTIVES[goal.lead](Setting(block.spec.boundary, self.spec.camera, views, noise))
+            assert isinstance(objective, TraceObjective)
+            rooms.append(Room(objective, block.region, block.points, seen, offset))
+        setting = Setting(self.spec.boundary, self.spec.camera, poses, carrier=self._carrier(None))
+        lead = OBJECTIVES[goal.lead](setting, self.spec.aggregate)
+        assert isinstance(lead, TraceObjective)
+        return certify_rooms(lead, rooms, value, progress)
 
     def descend(
         self,
@@ -450,7 +480,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
         f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales)),
         _coverage_table(covered, pose),
         tuple(f"no four dots serve some poses: {gap}" for gap in covered.gaps),
-        "the dots have several sizes",
+        partial(problem.certify, scales),
     )
     return Design(
         marker,

@@ -116,8 +116,8 @@ class Account:
     table : Table
         Expected errors.
     warnings : tuple of str
-    unbounded : str
-        Why there is no lower bound, in words.
+    certify : callable
+        Computes the lower bound.
     results : mapping
         Values of the JSON text in place of those of a marker; empty for a marker.
     """
@@ -125,7 +125,7 @@ class Account:
     summary: str
     table: Table
     warnings: tuple[str, ...]
-    unbounded: str
+    certify: Callable[[Progress | None], Certificate]
     results: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -246,7 +246,8 @@ class Design(Result):
     def parts(self) -> list[str | Table]:
         """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
         if self.account:
-            return [self.account.summary, *self._interruption, self.account.table, f"found in {self.seconds:.1f} s"]
+            found = f"found in {self.seconds:.1f} s"
+            return [self.account.summary, self._bound, *self._interruption, self.account.table, found]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
@@ -304,8 +305,8 @@ class Design(Result):
 
     def certify(self, progress: Progress | None = None) -> Certificate:
         """Compute `certificate`, which may take as long as the search."""
-        if self.account:
-            return Certificate(len(self.body), self.value, reason=self.account.unbounded)
+        if self.account and not self._certificates:
+            self._certificates.append(self.account.certify(progress))
         if not self._certificates:
             region = self.dots.region(self.spec)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
@@ -318,8 +319,6 @@ class Design(Result):
 
     def certified(self, progress: Progress | None = None) -> "Design":
         """Return the same design with lower bounds in the provenance of its marker, see `certify`."""
-        if not isinstance(self.body, Marker) or self.account:
-            return self
         self.certify(progress)
         return replace(self, body=replace(self.body, provenance={**self.body.provenance, "search": self.found_under()}))
 
@@ -331,7 +330,11 @@ class Design(Result):
         known without it, and at most ``gap_costs[1]``, by the lower bound without it. Bounds are proven or tested, see
         `markergen.optimize.certificate`.
         """
-        stored, bounds = self.marker.provenance["spec"], [bound.lower_bound for bound in self._certificates] or [0.0]
+        bounds = [bound.lower_bound for bound in self._certificates] or [0.0]
+        proven = all(bound.proven for bound in self._certificates) if bounds[0] else None
+        if self.account:
+            return plain({"value": self.value, "lower_bound": bounds[0] or None, "lower_bound_proven": proven})
+        stored = self.marker.provenance["spec"]
         least = max(0.0, 1 - self.gap.without / self.value)
         costs = [least, max(least, 1 - bounds[-1] / self.value)]
         demands = {name: stored[name] for name in ("asymmetric", "relief", "survive") if stored.get(name)}
@@ -344,7 +347,7 @@ class Design(Result):
                 "gap_costs": costs if self.gap.reason == IMAGES else None,
                 "lower_bound": bounds[0] or None,
                 "lower_bound_without_gap": bounds[-1] or None,
-                "lower_bound_proven": all(bound.proven for bound in self._certificates) if bounds[0] else None,
+                "lower_bound_proven": proven,
                 "interrupted_s": self.interrupted or None,
                 "limits": [str(limit) for limit in parse_goal(self.spec.objective).limits],
                 "points": bool(stored.get("points")),
@@ -354,7 +357,10 @@ class Design(Result):
 
     def to_json(self) -> bytes:
         """Return value, lower bound (null if none is known), dots, criteria, warnings and files as JSON text."""
-        results = self.account.results if self.account else {}
+        results = dict(self.account.results) if self.account else {}
+        if results:
+            self.certify()
+            results |= self.found_under()
         files: dict[str, Any] = {"warnings": self.warnings, "files": files_as_json(self.written)}
         files |= {"interrupted_s": self.interrupted} if self.interrupted else {}
         return json_bytes(plain({**(results or self._results()), **files}))

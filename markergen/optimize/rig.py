@@ -6,7 +6,7 @@ each from all others, so that no view confuses them (`bounds.confusion`).
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import permutations
@@ -34,6 +34,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.base import Sight
 from markergen.objectives.criteria import Criteria, criteria
+from markergen.optimize.certificate import Certificate
 from markergen.optimize.comparisons import reference
 from markergen.optimize.constellations import Block, JointProblem, views_of
 from markergen.optimize.design import Account, Design
@@ -240,6 +241,22 @@ class RigSearch:
         only_better = self.is_joint and self.is_tagged
         self.blocks = self.problem.descend(self.blocks, move, SWEEPS, "plates", progress, [*self.given], only_better)
 
+    @property
+    def value(self) -> float:
+        """Value of the objective of the joint pose."""
+        covered = self.see(self.blocks)
+        return self.problem.value(
+            covered, self.problem.errors(covered, self.problem.information(self.blocks, covered))
+        )[1]
+
+    def certify(self, progress: Progress | None = None) -> Certificate:
+        """Lower bound on the joint pose's error, whether or not layouts have to tell plates apart."""
+        dots = sum(len(block.points) for block in self.blocks)
+        if self.given or not self.is_joint:
+            reason = "some markers were given" if self.given else "the objective is that of each plate alone"
+            return Certificate(dots, np.nan, reason=reason)
+        return self.problem.certify(self.blocks, progress)
+
     def safety(self, k: int, j: int) -> float:
         """Safety in px against taking plate k for plate j, see `foreign_safety`."""
         return _safety(self.blocks[k], self.blocks[j])
@@ -325,13 +342,22 @@ def design_rig(
         single=single,
         told_apart=sentence,
         safety=safety,
-        account=_account(rig, covered, joint, single, reason, safety),
+        value=layouts.value if layouts.is_joint else 0.0,
+        account=_account(rig, covered, joint, single, reason, safety, layouts.certify),
     )
     log.info("designed %r in %.1f s", rig, result.seconds)
     return result
 
 
-def _account(rig: Rig, covered: Coverage, joint: Array, single: Array, dots: str, safety: float) -> Account:
+def _account(
+    rig: Rig,
+    covered: Coverage,
+    joint: Array,
+    single: Array,
+    dots: str,
+    safety: float,
+    certify: Callable[[Progress | None], Certificate],
+) -> Account:
     """Plates, dots, what the poses see of them, and expected errors over the poses that see a plate."""
     stored, poses = rig.provenance, covered.poses
     both = np.stack([joint, single])[:, :, np.isfinite(joint[0])]
@@ -371,7 +397,7 @@ def _account(rig: Rig, covered: Coverage, joint: Array, single: Array, dots: str
         "label_safety_px": safety,
     }  # fmt: skip
     table = Table(f"Expected error for {stored['noise']}", header, rows)
-    return Account(summary, table, (warning,) if safety < APART_PX else (), "the dots are on several plates", results)
+    return Account(summary, table, (warning,) if safety < APART_PX else (), certify, results)
 
 
 def _sized(

@@ -7,7 +7,8 @@ import pytest
 
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.camera import Distortion
-from markergen.model.poses import paper
+from markergen.model.poses import named_poses, paper
+from markergen.model.rig_shapes import rig_shape
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
@@ -15,13 +16,19 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize import certificate
 from markergen.optimize.certificate import certify
+from markergen.optimize.constellations import Block
 from markergen.optimize.design import design
 from markergen.optimize.layouts import lattice
 from markergen.optimize.problem import FeasibleRegion, fewer
+from markergen.optimize.rig import RigSearch, plate_views
 from markergen.optimize.search import search
 
 AGGREGATES = ("rms", "mean", "logmean", "max", "cvar:0.8")
 TRACES = ("pose", "rotation", "translation", "homography")
+
+
+def room_of(objective, region):
+    return certificate.Room(objective, region, np.zeros((0, 2)))
 
 
 def layouts(region, n, count, rng):
@@ -71,23 +78,23 @@ def test_regular_polygons_of_bare_points_are_as_good_as_a_ring(setting):
 def test_sensitivity_is_the_derivative_and_bounds_every_measure(criterion, aggregate, name):
     region, rng = FeasibleRegion(Circle(0.15), 0.03, 0.003), np.random.default_rng(1)
     objective = criterion(region.boundary, name, aggregate)
-    fields = certificate._Fields(objective, region, 18)
+    fields, measure = certificate._Fields(room_of(objective, region), 18), certificate._Worth(objective)
     places = region.sample(1, 9, rng)[0]
     x, y = fields.basis(places)
 
     def worth(weights):
-        return fields.worth((x * weights[:, None]).T @ y)
+        return measure.worth(fields.information((x * weights[:, None]).T @ y))
 
     weights = rng.uniform(0.5, 1.5, len(places))
     moments = (x * weights[:, None]).T @ y
-    sensitivity = fields.sensitivity(moments, 0.0)
+    sensitivity = measure.sensitivity(fields.information(moments), 0.0)
     slopes = np.sum(x @ fields.polynomial(sensitivity) * y, axis=1)
     step = 1e-5 * np.eye(len(places))
     differences = [(worth(weights + each) - worth(weights - each)) / 2e-5 for each in step]
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-6 * slopes.max())
     assert weights @ slopes == pytest.approx(worth(weights))
     for softness in (0.0, 0.03):
-        slopes = np.sum(x @ fields.polynomial(fields.sensitivity(moments, softness)) * y, axis=1)
+        slopes = np.sum(x @ fields.polynomial(measure.sensitivity(fields.information(moments), softness)) * y, axis=1)
         for _ in range(20):
             other = rng.exponential(size=len(places))
             assert worth(other) <= other @ slopes * (1 + 1e-9)
@@ -112,19 +119,21 @@ def test_the_highest_place_of_a_disk_is_bounded_closely(criterion):
     """At the edge, where u still grows outward, and inside, as sampled finely."""
     region, rng = FeasibleRegion(Circle(0.15), 0.03, 0.003), np.random.default_rng(0)
     points = regular_polygon(7, 0.13)
-    program = certificate._Program(certificate._Fields(criterion(region.boundary), region, 12), region, points, 1.0)
+    objective = criterion(region.boundary)
+    program = certificate._Program(objective, [certificate.Room(objective, region, points)], 12, 1.0).parts[0]
+    measure = certificate._Worth(objective)
     rim = regular_polygon(5000, region.boundary.radius - region.inset)
     places = np.concatenate([rim, region.boundary.sample(20_000, region.inset, rng)])
     x, y = program.fields.basis(places)
     for one_sided in (points[:4], points):
         along_x, along_y = program.fields.basis(one_sided)
-        cut = program.fields.sensitivity(along_x.T @ along_y, 0.1)
+        cut = measure.sensitivity(program.fields.information(along_x.T @ along_y), 0.1)
         seen = np.sum(x @ program.fields.polynomial(cut) * y, axis=1)
         caps, prices = region.sample(1, 9, rng)[0], rng.uniform(0, 0.2, 9) * seen.max()
         for count in (0, 9):
             u = seen - certificate._cap(places, caps[:count], prices[:count], program.pitch, 0.0)[0]
             tolerance = 1e-3 * u.max()
-            highest, _ = program._highest(cut, caps[:count], prices[:count], -np.inf, tolerance)
+            highest, _ = program.highest(cut, caps[:count], prices[:count], -np.inf, tolerance)
             assert u.max() <= highest <= u.max() + 2 * tolerance
 
 
@@ -137,7 +146,7 @@ def test_orbits_bound_as_closely_as_single_places(setting, monkeypatch, criterio
     best = search(few, region, 12, np.random.default_rng(0), 2, rough=few).points
     value, turns = float(objective(best[None])[0]), []
     for judge in (objective, few):
-        program = certificate._Program(certificate._Fields(judge, region, 12), region, best, value)
+        program = certificate._Program(judge, [certificate.Room(judge, region, best)], 12, value).parts[0]
         turns.append(len(program.turns))
     # The paper's poses are a grid of rolls, of which few of them keep only a part.
     assert turns == [certificate.ORBIT, 1]
@@ -163,10 +172,14 @@ def test_the_interpolation_is_no_worse_than_is_proven(setting, name):
     places = boundary.sample(3000, region.inset, rng)
     bounds = []
     for degree in (4, 7, 12):
-        fields = certificate._Fields(objective, region, degree)
+        fields = certificate._Fields(room_of(objective, region), degree)
         assert fields.proven
         x, y = fields.basis(region.sample(1, 9, rng)[0])
-        cut = fields.sensitivity(x.T @ y, 0.0) if degree == 12 else rng.normal(size=fields._exact.shape[1])
+        cut = (
+            certificate._Worth(objective).sensitivity(fields.information(x.T @ y), 0.0)
+            if degree == 12
+            else rng.normal(size=fields._exact.shape[1])
+        )
         x, y = fields.basis(places)
         error = np.abs(np.sum(x @ fields.polynomial(cut) * y, axis=1) - fields._packed(places) @ cut).max()
         scale = np.abs(fields._packed(places) @ cut).max()
@@ -178,7 +191,7 @@ def test_the_interpolation_is_no_worse_than_is_proven(setting, name):
 
 def test_poses_that_count_nothing_add_no_error(criterion):
     """Under a worst case, sensitivities of other poses vanish, even to the last digit."""
-    fields = certificate._Fields(criterion(Circle(0.15)), FeasibleRegion(Circle(0.15), 0.03, 0.003), 12)
+    fields = certificate._Fields(room_of(criterion(Circle(0.15)), FeasibleRegion(Circle(0.15), 0.03, 0.003)), 12)
     assert fields.error(np.zeros(fields._exact.shape[1])) == 0.0
 
 
@@ -256,3 +269,49 @@ def test_a_gap_that_the_dots_keep_is_said_with_the_bound():
     poses = "cone:distance=0.6..1.2,tilt=0..60,count=12"
     found = design(Spec(n=6, dot=0.02, gap=0.02, boundary=Circle(0.1), poses=poses, restarts=1))
     assert "no 6 dots in this room, 20 mm" in found.certificate.sentence
+
+
+def body_of_plates(count):
+    faces = rig_shape("cube", edge=0.08).faces[:count]
+    poses = named_poses("sphere:distance=0.3..0.5,count=30")
+    spec = Spec(n=4, noise_model="image", dot=0.01, clearance=0.001)
+    plates = plate_views(faces, [0.01] * count, poses, spec)
+    square = 0.02 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.1]])
+    blocks = [
+        Block(replace(spec, boundary=face.boundary), plate.poses, square, face)
+        for face, plate in zip(faces, plates, strict=True)
+    ]
+    return RigSearch(blocks, spec, poses, {})
+
+
+def test_other_layouts_of_plates_do_not_break_the_bound_of_a_rig():
+    search, rng = body_of_plates(6), np.random.default_rng(0)
+    found = search.problem.certify(search.blocks)
+    assert not found.reason
+    assert not found.proven
+    served = search.see(search.blocks).served
+    assert 0.5 * search.value < found.lower_bound <= search.value
+    sampled = [block.region.sample(100, 4, rng) for block in search.blocks]
+    tried = 0
+    for layouts in zip(*sampled, strict=True):
+        blocks = [replace(block, points=points) for block, points in zip(search.blocks, layouts, strict=True)]
+        if not all(block.region.holds(block.points[None])[0] for block in blocks):
+            continue
+        covered = search.see(blocks)
+        if not np.array_equal(covered.served, served):
+            continue
+        errors = search.problem.errors(covered, search.problem.information(blocks, covered))
+        assert search.problem.value(covered, errors)[1] >= found.lower_bound
+        tried += 1
+    assert tried > 20
+
+
+def test_a_rig_of_one_plate_has_the_bound_of_the_plate():
+    search = body_of_plates(1)
+    block = search.blocks[0]
+    objective = OBJECTIVES["pose"](search.problem.setting(search.blocks, 0))
+    poses = objective.setting.poses
+    plain = replace(objective.setting, sight=None)
+    alone = certify(OBJECTIVES["pose"](plain), block.region, block.points)
+    assert len(poses) == search.see(search.blocks).served.sum()
+    assert search.problem.certify(search.blocks).lower_bound == pytest.approx(alone.lower_bound, rel=1e-3)
