@@ -207,9 +207,9 @@ class JointProblem:
         lead = OBJECTIVES[parse_goal(self.spec.objective).lead](setting, self.spec.aggregate)
         return len(self.poses) - len(served), float(lead.aggregated(errors[served], 0.0)[0])
 
-    def certify(self, blocks: Sequence[Block], progress: Progress | None = None) -> Certificate:
+    def certify(self, blocks: Sequence[Block], covered: Coverage, progress: Progress | None = None) -> Certificate:
         """Lower bound on the `value` of any dots in the rooms of the blocks that serve the same poses."""
-        covered, goal = self.see(blocks), parse_goal(self.spec.objective)
+        goal = parse_goal(self.spec.objective)
         n, served = len(covered.points), np.flatnonzero(covered.served)
         _, value = self.value(covered, self.errors(covered, self.information(blocks, covered)))
         if len(goal.terms) > 1 or self.spec.survive:
@@ -221,12 +221,12 @@ class JointProblem:
             views, offset = views_of(block.face, poses)
             places = candidates_of(block.region, SPARSE)
             diameters = np.full(len(places), block.diameter)
-            seen = disks_in_view(places, diameters, self.spec.camera, views, 0.0).any(axis=1)
-            seen |= covered.seen[served, dots].any(axis=1)
+            anywhere = disks_in_view(places, diameters, self.spec.camera, views, 0.0)
+            seen = np.concatenate([anywhere, covered.seen[served, dots]], axis=1).any(axis=1)
             noise = DotNoise(block.diameter, self.spec.image_noise, self.spec.print_sigma)
             objective = OBJECTIVES[goal.lead](Setting(block.spec.boundary, self.spec.camera, views, noise))
             assert isinstance(objective, TraceObjective)
-            rooms.append(Room(objective, block.region, block.points, seen, offset))
+            rooms.append(Room(objective, block.region, block.points, np.asarray(seen), offset))
         setting = Setting(self.spec.boundary, self.spec.camera, poses, carrier=self._carrier(None))
         lead = OBJECTIVES[goal.lead](setting, self.spec.aggregate)
         assert isinstance(lead, TraceObjective)
@@ -480,7 +480,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
         f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales)),
         _coverage_table(covered, pose),
         tuple(f"no four dots serve some poses: {gap}" for gap in covered.gaps),
-        partial(problem.certify, scales),
+        partial(problem.certify, scales, covered),
     )
     return Design(
         marker,

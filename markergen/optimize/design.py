@@ -332,7 +332,7 @@ class Design(Result):
         """
         bounds = [bound.lower_bound for bound in self._certificates] or [0.0]
         proven = all(bound.proven for bound in self._certificates) if bounds[0] else None
-        if self.account:
+        if not isinstance(self.body, Marker):
             return plain({"value": self.value, "lower_bound": bounds[0] or None, "lower_bound_proven": proven})
         stored = self.marker.provenance["spec"]
         least = max(0.0, 1 - self.gap.without / self.value)

@@ -255,7 +255,7 @@ class RigSearch:
         if self.given or not self.is_joint:
             reason = "some markers were given" if self.given else "the objective is that of each plate alone"
             return Certificate(dots, np.nan, reason=reason)
-        return self.problem.certify(self.blocks, progress)
+        return self.problem.certify(self.blocks, self.see(self.blocks), progress)
 
     def safety(self, k: int, j: int) -> float:
         """Safety in px against taking plate k for plate j, see `foreign_safety`."""
