@@ -333,7 +333,7 @@ class Design(Result):
         bounds = [bound.lower_bound for bound in self._certificates] or [0.0]
         proven = all(bound.proven for bound in self._certificates) if bounds[0] else None
         if not isinstance(self.body, Marker):
-            return plain({"value": self.value, "lower_bound": bounds[0] or None, "lower_bound_proven": proven})
+            return plain({"value": self.value or None, "lower_bound": bounds[0] or None, "lower_bound_proven": proven})
         stored = self.marker.provenance["spec"]
         least = max(0.0, 1 - self.gap.without / self.value)
         costs = [least, max(least, 1 - bounds[-1] / self.value)]
