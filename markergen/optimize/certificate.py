@@ -252,7 +252,7 @@ def certify_rooms(
         program = _Program(objective, rooms, degree, value)
         if program.accurate:
             regions = [room.region for room in rooms]
-            apart = min(region.gap if region.gap > region.clearance else 0.0 for region in regions)
+            apart = max(region.gap if region.gap > region.clearance else 0.0 for region in regions)
             lower_bound = value / np.sqrt(program.solve(progress))
             proven = all(part.fields.proven for part in program.parts)
             return Certificate(n, value, lower_bound, apart=apart, proven=proven, rooms=len(rooms))
