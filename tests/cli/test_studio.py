@@ -40,7 +40,7 @@ def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
         # While a search is going on that would take many times as long.
         search = urllib.request.Request(f"{address}optimize", b'{"options": {"n": 40}}')
         with urllib.request.urlopen(search, timeout=30) as answer:
-            assert b'"stage": "exchange"' in answer.readline()
+            assert b'"stage": "regular"' in answer.readline()
             process.send_signal(signal.SIGINT)
             said, complaint = process.communicate(timeout=30)
     assert (process.returncode, said, complaint) == (0, "", "")

@@ -85,7 +85,7 @@ def test_validation_takes_them_too(pentagon):
     [
         ([], "expected poses, found"),
         (np.zeros((3, 4)), "matrices (k, 4, 4)"),
-        (2 * MATRICES, "matrices (k, 4, 4)"),
+        (2 * MATRICES, "last rows are not 0 0 0 1"),
         (np.zeros((0, 4, 4)), "at least one pose"),
         (MATRICES * [[[2], [1], [1], [1]]], "at poses[0]"),
         (5, "DataFrame"),

@@ -124,7 +124,7 @@ def test_a_real_search_can_be_stopped():
         await lines.aclose()
         return first
 
-    assert [line["stage"] for line in asyncio.run(first_lines())] == ["exchange"] * 2
+    assert [line["stage"] for line in asyncio.run(first_lines())] == ["regular"] * 2
     assert ended.wait(60)
     assert not finished
 
