@@ -233,8 +233,8 @@ def optimize(options: Mapping[str, Any], tell: Teller) -> dict[str, Any]:
         several sizes; ``summary``, ``warnings``, ``outlook``, and ``certificate``: ``sentence`` and ``gap``.
     """
     asked = {name: value for name, value in plain_options(options).items() if name != "points"}
-    finished = design(progress=tell.progress, watch=tell.watch, **asked)
-    certificate = finished.certify(tell.progress)
+    finished = design(progress=tell.progress, watch=tell.watch, **asked).certified(tell.progress)
+    certificate = finished.certificate
     one_size = len({point.feature.diameter for point in finished.marker.control_points}) == 1
     return {
         "options": settled_options(asked, finished) if one_size else None,
@@ -271,7 +271,7 @@ def rig_result(shape: object, options: Mapping[str, Any], tell: Teller) -> dict[
         ``rig``, a rig.json, ``summary`` and ``warnings``.
     """
     shape, asked = rig_of(shape, options)
-    finished = rig(shape, progress=tell.progress, **asked)
+    finished = rig(shape, progress=tell.progress, **asked).certified(tell.progress)
     return {"rig": json.loads(rig_to_json(finished.rig)), "summary": finished.summary, "warnings": finished.warnings}
 
 
