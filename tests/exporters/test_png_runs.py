@@ -34,7 +34,8 @@ def outline(*rings) -> FilledPath:
     return FilledPath(tuple(segments))
 
 
-corner = st.tuples(st.floats(-10, 50), st.floats(-10, 40))
+# Rounded: at coordinates such as 1e-238 the intersections of shapely, the reference, underflow.
+corner = st.tuples(st.floats(-10, 50), st.floats(-10, 40)).map(lambda point: (round(point[0], 9), round(point[1], 9)))
 
 
 @given(st.lists(corner, min_size=3, max_size=3))
