@@ -162,6 +162,7 @@ def rank_correlations(degrees: Array, errors: Array) -> Array:
 
 def _ranks(values: Array) -> Array:
     """Ranks (P,) of values (P,), their mean for equal ones."""
+    # As of scipy.stats.rankdata, whose import takes 0.4 s, a tenth of a validation.
     _, place, count = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(count) - (count - 1) / 2)[place]
 

@@ -139,7 +139,7 @@ def flat_findings(
 def _unclaimed(
     page: Page, marker: Marker, dots: DotSet, verdicts: Sequence[Verdict], factor: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Lines to engrave (m, 2, 2) that belong to no dot, be it extra, and not to the tag, mm; and the tag's missing."""
+    """Lines to engrave (m, 2, 2) of neither a dot nor the tag, and sides (k, 2, 2) of the tag without a line, mm."""
     if page.engraved is None or any(verdict.findings for verdict in verdicts):
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     motions = [verdict.motion for verdict in verdicts if verdict.motion is not None]
