@@ -2,7 +2,6 @@
 
 import sys
 
-import cadquery
 import pytest
 
 import markergen as mg
@@ -71,6 +70,8 @@ def test_engraved_marks_have_the_color_of_the_other_material():
 
 
 def test_it_is_built_on(tmp_path):
+    import cadquery  # Takes seconds, which every collection of the tests would.
+
     foot = cadquery.Workplane().box(20, 20, 10).translate((0, 0, -10))
     stand = cadquery.Assembly(name="stand").add(MARKER.to_cadquery(engrave=False), name="marker").add(foot, name="foot")
     stand.export(str(tmp_path / "stand.step"))
