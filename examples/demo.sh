@@ -11,8 +11,8 @@ say "1. Design a marker that fills the page in the printer"
 markergen design -o marker.pdf -o marker.png
 python "$examples/show_sheet.py" marker.png
 
-say "2. Validate it: 400 poses x 200 noisy runs x 5 estimators, and 100 synthetic views, 20 s"
-markergen validate marker.json --report report.html --json validation.json
+say "2. Validate it: 400 poses x 50 noisy runs x 5 estimators, and 100 synthetic views, 20 s"
+markergen validate marker.json --runs 50 --report report.html --json validation.json
 
 say "3. Make it as solids and as drawings, and check every file against marker.json"
 markergen export marker.json -o marker.step -o marker.3mf -o marker.fab.pdf -o marker.dxf
