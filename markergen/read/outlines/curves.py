@@ -5,6 +5,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import asin, ceil, pi, sqrt, tan
 from typing import Any, Self
 
@@ -80,9 +81,11 @@ class Bezier(PointCurve):
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`; a chord over a step h deviates by at most h^2 / 8 times the maximum of f''."""
         degree = len(self.points) - 1
-        bend = float(np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)) * degree * (degree - 1)
-        t = np.linspace(0.0, 1.0, _steps(sqrt(bend / (8 * tolerance))) + 1)[:, None, None]
-        points = np.broadcast_to(self.points, (len(t), *self.points.shape))
+        sides = self.points[1:] - self.points[:-1]
+        second = sides[1:] - sides[:-1]
+        bend = sqrt(float((second * second).sum(axis=1).max(initial=0.0))) * degree * (degree - 1)
+        t = _parameters(_steps(sqrt(bend / (8 * tolerance))))
+        points = self.points[None]
         for _ in range(degree):  # de Casteljau's algorithm
             points = (1 - t) * points[:, :-1] + t * points[:, 1:]
         return points[:, 0]
@@ -206,6 +209,14 @@ def bulge(start: Array, end: Array, amount: float) -> Curve:
 
 def _map(matrix: Array, points: Array) -> Array:
     return points @ matrix[:, :-1].T + matrix[:, -1]
+
+
+@lru_cache(maxsize=64)
+def _parameters(steps: int) -> Array:
+    """Parameters (steps + 1, 1, 1) of a curve's points: text as outlines has thousands of curves of few steps."""
+    parameters = np.linspace(0.0, 1.0, steps + 1)[:, None, None]
+    parameters.flags.writeable = False
+    return parameters
 
 
 def _steps(count: float) -> int:
