@@ -54,7 +54,7 @@ def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     corners = np.concatenate([np.zeros((0, 2)), *shapes.corners])
     used = {CUT} & {*reader.layers, *(str(layer.dxf.name) for layer in document.layers)}
     page = Page(
-        circles_of([(x, y, r) for _, x, y, r in shapes.circles], name),
+        circles_of([(x, y, radius, away) for _, x, y, radius, away in shapes.circles], name),
         None,
         corners[np.isfinite(corners).all(axis=-1)],
         lines=np.concatenate([np.zeros((0, 2, 2)), *shapes.lines[CUT]]),
@@ -85,7 +85,7 @@ class _Shapes:
 
     def __init__(self, unit: float) -> None:
         self.matrix = unit * np.eye(4)[:3]
-        self.circles: list[tuple[str, float, float, float]] = []
+        self.circles: list[tuple[str, float, float, float, float]] = []
         self.corners: list[Array] = []
         self.lines: dict[str, list[Array]] = {layer: [] for layer in MADE}
         self.hidden: set[str] = set()
@@ -147,7 +147,7 @@ class _Shapes:
         angle = np.arctan2(*(ring - circle[:2]).T[::-1])
         places = np.arange(720, dtype=np.intp) if np.allclose(ring[0], ring[-1]) else _between(np.unwrap(angle))
         rounds = (drawn for there, other, drawn in self._rounds
-                  if there == layer and np.abs(circle - other).max() <= min(TWIN, circle[2] / 5))  # fmt: skip
+                  if there == layer and np.abs((circle - other)[:3]).max() <= min(TWIN, circle[2] / 5))  # fmt: skip
         drawn = next(rounds, None)
         if drawn is None:
             self._rounds.append((layer, circle, drawn := [np.zeros(720, dtype=int)]))
@@ -156,8 +156,8 @@ class _Shapes:
         if layer in MADE and len(places) and (before[places] > 0).mean() > 0.05:
             self._again(kind, ring)
         if len(places) == 720 or before.min() == 0 < drawn[0].min():
-            x, y, r = circle.tolist()
-            self.circles.append((layer, x, y, r))
+            x, y, radius, away = circle.tolist()
+            self.circles.append((layer, x, y, radius, away))
 
     def _again(self, kind: str, ring: Array) -> None:
         x, y = (ring.min(axis=0) + ring.max(axis=0)) / 2
@@ -171,14 +171,15 @@ def _between(angle: Array) -> NDArray[np.intp]:
 
 
 def _circle(curves: list[Curve], points: Array) -> Array | None:
-    """Center and radius of the circle that curves are, or are a piece of; None if they are of another shape."""
+    """The circle that curves are, or are a piece of; None if they are of another shape."""
     if len(curves) == 1 and isinstance(curves[0], Arc):
         arc = curves[0]
         sides = np.linalg.svd(np.stack([arc.u[:2], arc.v[:2]]), compute_uv=False)
         whole = abs(abs(arc.sweep) - 2 * np.pi) < 1e-6
         if sides[1] < (FLATTEST if whole else 1 - 1e-6) * sides[0] or not sides[1] > 0:
             return None
-        return np.array([*arc.center[:2], float(np.sqrt(sides.prod()))])
+        radius = float(np.sqrt(sides.prod()))
+        return np.array([*arc.center[:2], radius, np.abs(sides - radius).max()])
     disk = round_shape(points)
     return None if disk is None else np.array(disk)
 

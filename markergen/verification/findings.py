@@ -23,6 +23,7 @@ MOST_COPIES = 500
 
 MIRRORED = "print or cut it without mirroring: looked at from the printed side it must read normally"
 AGAIN = "export it again, and do not edit its dots"
+ROUND = "export it with circles that are circles, or with a finer tolerance"
 
 UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that it is not reported."""
@@ -32,6 +33,9 @@ FAR = 2.0
 
 STRANGER = 0.25
 """Share of a dot's diameter: dots farther off than that, where no scale explains it, belong to another marker."""
+
+BENT = 3e-4
+"""Share of a radius by which four Bezier curves, which many programs have for a circle, may be off it: 2.7e-4."""
 
 DIAMETER = {False: 2.0, True: 4.0}
 """Ratio of the tolerance of a diameter to that of a center, by whether the file is made of pixels."""
@@ -290,7 +294,7 @@ def _absent(ids: list[int], labels: Match) -> list[Finding]:
 def _features(
     names: list[int], dots: DotSet, expected: DotSet, factor: float, tol: float, share: float
 ) -> list[Finding]:
-    """Findings about diameters, kinds, heights, and off-center circles of a dot."""
+    """Findings about diameters, kinds, shapes, heights, and off-center circles of a dot."""
     findings = []
     for k in np.flatnonzero(dots.rings != expected.rings)[:MOST_LISTED]:
         is_, not_ = ("a ring", "a dot") if dots.rings[k] else ("a dot", "a ring")
@@ -315,6 +319,9 @@ def _features(
         for k in wrong[:MOST_LISTED]:
             sentence = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
             findings.append(Finding("diameter", sentence))
+    for k in np.flatnonzero(dots.rough > share * tol / 2 + BENT * dots.radii)[:MOST_LISTED]:
+        sentence = f"dot {names[k]} is not round: its edge is up to {short_length(dots.rough[k])} off its circle"
+        findings.append(Finding("diameter", sentence, ROUND))
     for k in np.flatnonzero(dots.spread > tol)[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(dots.spread[k])} apart"))
     if dots.heights is not None and expected.heights is not None:

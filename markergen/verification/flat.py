@@ -17,7 +17,7 @@ from markergen.arrays import Array, Mask
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.verification.findings import AGAIN, Verdict
+from markergen.verification.findings import AGAIN, BENT, Verdict
 from markergen.verification.lines import (
     CutLine,
     in_picture,
@@ -163,10 +163,11 @@ def _with_absent(
     absent = [k for k, name in enumerate(ids) if name not in set(verdict.names)]
     expected = expected_dots(marker).take(np.array(absent, dtype=np.intp))
     placed = replace(expected, centers=_to_page(expected.centers, verdict.motion, factor))
-    centers, radii, inner = (
-        np.concatenate([getattr(one, key) for one in (dots, placed)]) for key in ("centers", "radii", "inner")
+    columns = ("centers", "radii", "inner", "spread", "rough")
+    centers, radii, inner, spread, rough = (
+        np.concatenate([getattr(one, key) for one in (dots, placed)]) for key in columns
     )
-    return DotSet(centers, radii, inner, np.zeros(len(ids))), [*verdict.names, *(ids[k] for k in absent)]
+    return DotSet(centers, radii, inner, spread, rough), [*verdict.names, *(ids[k] for k in absent)]
 
 
 def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
@@ -379,7 +380,7 @@ def shown_findings(
             continue
         stroked = (
             []
-            if picture.measured or not is_found[k]
+            if picture.measured or not is_found[k] or dots.rough[k] > tolerance + BENT * dots.radii[k]
             else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
         )
         most = STROKE if stroked else COVERED
@@ -464,7 +465,7 @@ def _covers(
     seen = ink[np.isfinite(ink)]
     share = float((np.abs(seen - level) > step).mean()) if len(seen) else 0.0
     if share > most:
-        sentence = f"{100 * share:.0f} % of dot {name} is covered"
+        sentence = f"{100 * share:.0f} % of dot {name} is covered or missing"
         findings.append(Finding("covered", sentence, "remove what is drawn over it"))
     inked = np.abs(np.nan_to_num(paper - ground)) > step
     if inked.mean() > INKED:

@@ -44,6 +44,8 @@ class DotSet:
         Inner radius of a ring; 0 for a disk.
     spread : array (m,)
         Largest distance between the centers of the circles of one dot.
+    rough : array (m,)
+        Largest distance of the outlines of a dot from its circles.
     heights : array (m,) or None
     ordered : bool
         True if the dots are in the order in which they were written to the file.
@@ -53,6 +55,7 @@ class DotSet:
     radii: Array
     inner: Array
     spread: Array
+    rough: Array
     heights: Array | None = None
     ordered: bool = True
 
@@ -67,9 +70,8 @@ class DotSet:
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "DotSet":
         """Select dots by mask or index."""
         heights = None if self.heights is None else self.heights[chosen]
-        return DotSet(
-            self.centers[chosen], self.radii[chosen], self.inner[chosen], self.spread[chosen], heights, self.ordered
-        )
+        centers, radii, inner = self.centers[chosen], self.radii[chosen], self.inner[chosen]
+        return DotSet(centers, radii, inner, self.spread[chosen], self.rough[chosen], heights, self.ordered)
 
 
 def expected_dots(marker: Marker) -> DotSet:
@@ -80,6 +82,7 @@ def expected_dots(marker: Marker) -> DotSet:
         np.array([500 * feature.diameter for feature in features]),
         np.array([500 * feature.inner_diameter for feature in features]),
         np.zeros(len(marker)),
+        np.zeros(len(marker)),
         1e3 * marker.xyz[:, 2],
     )
 
@@ -88,7 +91,7 @@ def dots_on_page(page: Page, expected: DotSet) -> DotSet:
     """Circles of a page that may be dots: of about the size of an expected dot, concentric circles merged."""
     circles = page.circles
     radii = np.unique(expected.radii)
-    is_dot = np.abs(np.log(np.maximum(circles[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
+    is_dot = np.abs(np.log(np.maximum(circles[:, 2, None], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
     free, rows = is_dot.copy(), []
     for index in np.flatnonzero(is_dot):
         if not free[index]:
@@ -99,15 +102,16 @@ def dots_on_page(page: Page, expected: DotSet) -> DotSet:
         free &= ~same
         # Of several circles the best fit is the dot, as for a ring's outer circle inside a white one.
         sizes = circles[same]
-        fit = np.abs(np.log(sizes[:, 2:] / radii)).min(axis=-1)
+        fit = np.abs(np.log(sizes[:, 2, None] / radii)).min(axis=-1)
         center = sizes[np.argmin(fit)]
         within = circles[mine & (circles[:, 2] < center[2] / ALIKE)]
         alike = sizes[np.abs(sizes[:, 2] / center[2] - 1) < 0.01]
-        others = np.concatenate([alike, within])[:, :2] - center[:2]
-        spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
-        rows.append((*center, float(within[:, 2].max(initial=0.0)), spread))
-    table = np.array(rows, dtype=float).reshape(-1, 5)
-    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], ordered=not page.measured)
+        parts = np.concatenate([alike, within])
+        spread = float(np.linalg.norm(parts[:, :2] - center[:2], axis=-1).max(initial=0.0))
+        rows.append((*center[:3], float(within[:, 2].max(initial=0.0)), spread, parts[:, 3].max()))
+    table = np.array(rows, dtype=float).reshape(-1, 6)
+    radii, inner, spread, rough = table[:, 2:].T
+    return DotSet(table[:, :2], radii, inner, spread, rough, ordered=not page.measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,7 +369,7 @@ def mapped_pages(reading: Reading, matrix: Array) -> Reading:
 def moved_page(page: Page, matrix: Array) -> Page:
     """Page with a linear map (2, 2) applied; circles stay circles of the same area."""
     scale = float(np.sqrt(abs(np.linalg.det(matrix))))
-    circles = np.column_stack([page.circles[:, :2] @ matrix.T, scale * page.circles[:, 2]])
+    circles = np.column_stack([page.circles[:, :2] @ matrix.T, scale * page.circles[:, 2:]])
     picture = None
     if page.picture is not None:
         back, seen = np.linalg.inv(matrix), page.picture

@@ -118,7 +118,7 @@ def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, 
     """Page of pixels alone."""
     grey = arrays.get(f"picture{index}", np.zeros((0, 0), np.uint8))
     if not grey.size:
-        return Page(np.zeros((0, 3)))
+        return Page(np.zeros((0, 4)))
     return pixel_page(np.ascontiguousarray(np.rot90(grey, values["turn"])), values["shown"], body, name)
 
 
@@ -188,7 +188,9 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
     cut = np.concatenate([np.zeros(len(sheet.page.lines), bool) if sheet.page.cut is None else sheet.page.cut
                           for sheet, _ in placed if sheet.page.lines is not None])  # fmt: skip
     page = Page(
-        np.concatenate([*(sheet.page.circles + [*shift, 0.0] for sheet, shift in placed), _joined(placed, diameters)]),
+        np.concatenate(
+            [*(sheet.page.circles + [*shift, 0.0, 0.0] for sheet, shift in placed), _joined(placed, diameters)]
+        ),
         None,
         np.concatenate([sheet.page.corners + shift for sheet, shift in placed]),
         picture=PagePicture.of_tiles([(sheet.page.picture, shift, sheet.kept) for sheet, shift in placed]),
@@ -199,7 +201,7 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
 
 
 def _joined(placed: Sequence[tuple[TilePage, Array]], diameters: Sequence[float]) -> Array:
-    """Circles (m, 3) of about these diameters that pieces on several tiles form, which overlap."""
+    """Circles (m, 4) of about these diameters that pieces on several tiles form, which overlap."""
     tiles = []
     for sheet, shift in placed:
         sizes = [float(np.ptp(arc, axis=0).max()) for arc in sheet.arcs]
@@ -208,4 +210,4 @@ def _joined(placed: Sequence[tuple[TilePage, Array]], diameters: Sequence[float]
                  if PIECE * min(diameters) < size < ALIKE * max(diameters))  # fmt: skip
         tiles.append(reduce(xor, rings, Region()))
     circles = [round_shape(ring) for ring in Region.union(tiles).rings]
-    return np.array([circle for circle in circles if circle], dtype=float).reshape(-1, 3)
+    return np.array([circle for circle in circles if circle], dtype=float).reshape(-1, 4)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError, reason_of
 from markergen.read.outlines.curves import Bezier
-from markergen.verification.reading import FARTHEST, FLATTEST, Painted, circles_of, painted_again, round_shape
+from markergen.verification.reading import FARTHEST, FLATTEST, Circle, Painted, circles_of, painted_again, round_shape
 
 MM_PER_POINT = 25.4 / 72
 """The unit of a PDF is 1/72 inch."""
@@ -32,7 +32,7 @@ are sought, and of forms within forms: limits of work on untrusted files."""
 MOST_ROUND = 50_000
 """Maximum number of outlines that are tried as circles."""
 
-FILLED_OFF, STROKED_OFF = 2e-2, 5e-4
+FILLED_OFF, STROKED_OFF = 2e-3, 5e-4
 """Maximum distance in mm of points of a filled outline from each other's chords, and of a line."""
 
 FINEST, MOST_PIXELS, ALL_PIXELS = 300 / 25.4, 24_000_000, 60_000_000
@@ -249,9 +249,9 @@ class _Parser:
 
     def _filled(
         self, outlines: "list[_Outline]", tiled: bool
-    ) -> tuple[list[tuple[float, float, float]], list[Array], list[Array], list[tuple[float, float, float]]]:
+    ) -> tuple[list[Circle], list[Array], list[Array], list[tuple[float, float, float]]]:
         """Circles of the filled outlines, corners of the others, those of tiles that may hold arcs, and repeats."""
-        circles, others, arcs = list[tuple[float, float, float]](), list[Array](), list[Array]()
+        circles, others, arcs = list[Circle](), list[Array](), list[Array]()
         painted = list[Painted]()
         for outline in (outline for outline in outlines if outline.filled and len(outline.points) >= 3):
             points = outline.points

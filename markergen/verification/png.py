@@ -23,6 +23,7 @@ from markergen.verification.reading import (
     PRINTABLE,
     READERS,
     ROUND,
+    Circle,
     Page,
     Reading,
     Settings,
@@ -100,7 +101,7 @@ def pixel_page(grey: Grey, box: Sequence[float], body: Body, name: str) -> Page:
     """Page of an image that fills a box (left, bottom, right, top) in mm."""
     sizes = np.array(circle_diameters(body))
     gap = min(_least_gap(plate.marker) for plate in body.plates)
-    corner, size = np.array([box[0], box[3], 0.0]), (box[2] - box[0], box[3] - box[1])
+    corner, size = np.array([box[0], box[3], 0.0, 0.0]), (box[2] - box[0], box[3] - box[1])
     scale = np.array(grey.shape[::-1]) / size
     picture = replace(PagePicture.of_page(grey, box, 0), measured=True)
 
@@ -221,8 +222,8 @@ def _blobs(grey: Grey, scale: Array, sizes: Array | None, gap: float) -> Iterato
             yield (left * step, top * step, (left + across) * step, (top + down) * step), dark
 
 
-def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Array) -> tuple[float, float, float] | None:
-    """Center and radius in mm, y up from the image's top edge, of a round blob; None if it is not round."""
+def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Array) -> Circle | None:
+    """Circle of a round blob in mm, y up from the image's top edge; None if it is not round."""
     left, top, right, bottom = box
     center = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
     half = np.array([right - left, bottom - top]) / 2
@@ -241,7 +242,8 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
     if abs(area / ellipse - 1) > ROUND + 0.3 / half.min() or stretched[0] < FLATTEST * stretched[1]:
         return None
     x, y = (center + 0.5) / scale
-    return float(x), float(-y), float(np.sqrt(area / np.pi / scale.prod()))
+    radius = float(np.sqrt(area / np.pi / scale.prod()))
+    return float(x), float(-y), radius, float(np.abs(2 * stretched - radius).max())
 
 
 def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) -> tuple[float, Array, Array] | None:

@@ -34,6 +34,12 @@ ROUND = 0.02
 SMALLEST, SAME = 0.5, 0.02
 """Minimum size in mm of a shape that may be there twice, and maximum distance of its sides from those of the other."""
 
+OCTAGON = 0.11
+"""Maximum deviation of the area of a round outline from that of its circle: a regular octagon lacks 0.0997."""
+
+Circle = tuple[float, float, float, float]
+"""Center and radius of a circle, and the largest distance of its outline from it."""
+
 FLATTEST = 0.8
 """Minimum ratio of the semi-axes of an ellipse that counts as a stretched circle."""
 
@@ -48,8 +54,9 @@ class Page:
 
     Attributes
     ----------
-    circles : array (m, 3)
-        Center and radius of every complete circle, mm, y up, in the order of the file.
+    circles : array (m, 4)
+        Center and radius of every complete circle, and the largest distance of its outline from it: mm, y up, in the
+        order of the file.
     size : (width, height) or None
         Paper size, mm.
     corners : array (k, 2)
@@ -179,8 +186,8 @@ def circle_diameters(body: Body) -> list[float]:
     return [1e3 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size]
 
 
-def round_shape(points: Array) -> tuple[float, float, float] | None:
-    """Center and radius of a closed outline (m, 2) that is a circle, stretched a little at most; else None.
+def round_shape(points: Array) -> Circle | None:
+    """Circle of a closed outline (m, 2), stretched a little at most; None if it is another shape.
 
     Fits a conic by least squares: its center is that of the ellipse however the points are distributed, and the radius
     is the geometric mean of its semi-axes.
@@ -205,9 +212,11 @@ def round_shape(points: Array) -> tuple[float, float, float] | None:
     offset = np.stack([x, y], axis=-1) - center
     off = np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", offset, shape, offset) / scale, 0.0)) - 1
     # The corners of a square lie on a circle too.
-    if np.abs(off).max() > ROUND or abs(area / (np.pi * radius**2) - 1) > 4 * ROUND:
+    if np.abs(off).max() > ROUND or abs(area / (np.pi * radius**2) - 1) > OCTAGON:
         return None
-    return float(middle[0] + size * center[0]), float(middle[1] + size * center[1]), size * radius
+    sides = offset + (np.roll(offset, -1, axis=0) - offset) * np.linspace(0, 1, 3)[:2, None, None]
+    away = size * float(np.abs(np.linalg.norm(sides, axis=-1) - radius).max())
+    return float(middle[0] + size * center[0]), float(middle[1] + size * center[1]), size * radius, away
 
 
 class Painted(NamedTuple):
@@ -216,7 +225,7 @@ class Painted(NamedTuple):
     points: Array
     path: int
     paint: str | int
-    circle: tuple[float, float, float] | None
+    circle: Circle | None
 
 
 def painted_again(shapes: Sequence[Painted]) -> list[tuple[float, float, float]]:
@@ -234,7 +243,7 @@ def painted_again(shapes: Sequence[Painted]) -> list[tuple[float, float, float]]
     middles = (boxes[:, :2] + boxes[:, 2:]) / 2
     pairs = [(k, j, 0.0) for k, j in sorted(cKDTree(boxes).query_pairs(SAME))]
     tree = cKDTree(middles)
-    for k, (x, y, radius) in ((k, shape.circle) for k, shape in enumerate(shapes) if shape.circle):
+    for k, (x, y, radius, _) in ((k, shape.circle) for k, shape in enumerate(shapes) if shape.circle):
         inside = sorted(set(tree.query_ball_point((x, y), radius)) - {k})
         pairs += [(k, j, radius) for j in inside
                   if np.linalg.norm(shapes[j].points - (x, y), axis=1).max() <= radius + SAME]  # fmt: skip
@@ -254,9 +263,9 @@ def sentences_of(again: Sequence[Sequence[float]], body: Body) -> list[str]:
     ][:MOST_LISTED]
 
 
-def circles_of(rows: list[tuple[float, float, float]], name: str) -> Array:
-    """Circles as an array (m, 3), without those out of range; raises InputError for more than `MOST_CIRCLES`."""
+def circles_of(rows: list[Circle], name: str) -> Array:
+    """Circles as an array (m, 4), without those out of range; raises InputError for more than `MOST_CIRCLES`."""
     if len(rows) > MOST_CIRCLES:
         raise InputError(f"at most {MOST_CIRCLES} circles in {name}", str(len(rows)), "verify one marker at a time")
-    circles = np.array(rows, dtype=float).reshape(-1, 3)
+    circles = np.array(rows, dtype=float).reshape(-1, 4)
     return circles[(np.abs(circles[:, :2]) < FARTHEST).all(axis=-1)]

@@ -187,6 +187,9 @@ def dots_of(rims: Rims, sizes: Array) -> DotSet:
         inside = around & (level_rims.centers[:, 2] > lowest) & (level_rims.normals[:, 2] > 0)
         inside &= level_rims.radii < level_rims.radii[best] / ALIKE
         inside &= (level_rims.shell == level_rims.shell[best]) if of_disk.any() else inside
-        rows.append((*level_rims.centers[best], level_rims.radii[best], level_rims.radii[inside].max(initial=0.0)))
-    table = np.array(rows, dtype=float).reshape(-1, 5)
-    return DotSet(table[:, :2], table[:, 3], table[:, 4], np.zeros(len(table)), table[:, 2], ordered=False)
+        rough = level_rims.rough[around & (level_rims.radii < ALIKE * level_rims.radii[best])].max()
+        hole = level_rims.radii[inside].max(initial=0.0)
+        rows.append((*level_rims.centers[best], level_rims.radii[best], hole, 0.0, rough))
+    table = np.array(rows, dtype=float).reshape(-1, 7)
+    radii, inner, spread, rough = table[:, 3:].T
+    return DotSet(table[:, :2], radii, inner, spread, rough, table[:, 2], ordered=False)

@@ -19,7 +19,7 @@ from markergen.model.marker import ControlPoint, Marker
 from markergen.model.openings import openings
 from markergen.verification.findings import AGAIN, UNTAGGED, Verdict, extras, judge
 from markergen.verification.lines import line_findings, pieces_of, plate_lines, seek_among
-from markergen.verification.matching import ALIKE, DotSet
+from markergen.verification.matching import ALIKE
 from markergen.verification.placement import Placement, check_sides, placements, stretched
 from markergen.verification.rays import CHORDS, Difference, difference
 from markergen.verification.reading import PRINTABLE, READERS, Settings
@@ -55,7 +55,6 @@ TYPICAL = 100.0
 """Size in mm to which a solid of any unit is brought to find triangles that are the same to 10 nm."""
 
 WHOLE = "export it again with all of its parts"
-FINER = "export it with a finer tolerance, or with circles that are circles"
 
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
@@ -200,7 +199,7 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
         sizes_by_id = {point.id: 500 * point.feature.diameter for point in marker.control_points}
         room = float(np.median(expected.radii - [sizes_by_id[name] for name in ids]))
         notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
-    findings = [*verdict.findings, *_rough(solid, verdict, dots, tol)]
+    findings = [*verdict.findings]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
     holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
@@ -237,18 +236,6 @@ def _as_thick(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> Mark
     ):
         return None
     return replace(marker, substrate=replace(marker.substrate, thickness=round(thickness, 6) / 1e3))
-
-
-def _rough(solid: Solid, verdict: Verdict, dots: DotSet, tol: float) -> list[Finding]:
-    """Dots whose rims are polygons that show."""
-    rims, findings = solid.rims, []
-    for name, place in zip(verdict.names, dots.centers[verdict.used], strict=True):
-        here = (np.linalg.norm(rims.centers[:, :2] - place, axis=1) < 0.1) & (rims.rough > tol)
-        if here.any():
-            off = short_length(float(rims.rough[here].max()))
-            sentence = f"dot {name} is not round: its sides are up to {off} off its circle"
-            findings.append(Finding("diameter", sentence, FINER))
-    return findings[:MOST_LISTED]
 
 
 @dataclass(frozen=True)

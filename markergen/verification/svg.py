@@ -54,8 +54,11 @@ ROUGH = 0.6
 MOST_ROUGH = 10_000
 """Maximum number of such outlines, each of which takes a fraction of a millisecond."""
 
-FINE = 200
-"""Ratio of the size of an outline to the distance of points on it from each other's chords, to tell if it is round."""
+FINE, FINEST = 200, 100_000
+"""Ratios of the size of an outline to the distance of its points from each other's chords, to tell if it is round."""
+
+CHORDS = 2e-3
+"""This distance in mm between these ratios: less than what is tolerated of a circle."""
 
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 """Elements by which a browser shows something else than a picture of the file."""
@@ -101,7 +104,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 rough += 1
                 if rough > MOST_ROUGH:
                     raise InputError(f"at most {MOST_ROUGH} shapes as wide as high in {name}", "more", "verify the PDF")
-                fine = float(sides.max()) / FINE / scale
+                fine = max(min(float(sides.max()) / FINE, CHORDS), float(sides.max()) / FINEST) / scale
                 points = np.concatenate([curve.flatten(fine) for curve in piece.curves]) * factor
                 circle = round_shape(points)
             # Pieces of one shape have the same look.

@@ -34,6 +34,13 @@ def painted(old, new):
     return on_dot(lambda dot, x, y: dot.replace(old, new))
 
 
+def corners(x, y):
+    angle = np.pi * np.arange(24) / 12
+    return " ".join(
+        f"{x + 6 * cos:.5f},{y + 6 * sin:.5f}" for cos, sin in zip(np.cos(angle), np.sin(angle), strict=True)
+    )
+
+
 def with_rectangle(left, width):
     return on_dot(
         lambda dot, x, y: dot + f'<rect x="{x + left}" y="{y - 8}" width="{width}" height="16" fill="#ffffff"/>'
@@ -64,6 +71,12 @@ SVG = {
     "text": (with_unread('<text x="{x}" y="{y}" font-size="4">A</text>'), "covered", "the text 'A' is not read"),
     "image": (with_unread('<image id="i" x="{x}" y="{y}" width="9" height="9"/>'), "covered", "image 'i' is not read"),
     "foreign": (with_unread('<foreignObject x="{x}" y="{y}"/>'), "covered", "the foreign object without a name"),
+    "ellipse": (
+        on_dot(lambda dot, x, y: f'<ellipse cx="{x}" cy="{y}" rx="6.03" ry="5.97"/>'), "diameter", "dot 2 is not round"
+    ),
+    "polygon": (
+        on_dot(lambda dot, x, y: f'<polygon points="{corners(x, y)}"/>'), "diameter", "its edge is up to 0.0513"
+    ),
     "grey": (painted("#000000", "#888888"), "pale", "dot 2 is grey: 47 %"),
     "half opaque": (painted("/>", ' opacity="0.5"/>'), "pale", "dot 2 is grey: 50 %"),
     "half covered": (with_rectangle(0, 16), "covered", "50 % of dot 2"),
@@ -125,6 +138,13 @@ def under_a_box(page):
     raw.FPDFPage_InsertObject(page.raw, cover)
 
 
+def stretched(page):
+    item = dot_two(page)
+    left, bottom, right, top = box(item)
+    x, y = (left + right) / 2, (bottom + top) / 2
+    raw.FPDFPageObj_Transform(item, 1.005, 0, 0, 0.995, -0.005 * x, 0.005 * y)
+
+
 def transformed(*matrix):
     def change(page):
         for item in objects(page):
@@ -147,6 +167,7 @@ PDF = {
     "covered": (pages(under_a_box), "pale", "dot 2 is invisible"),
     "stroke": (stroked(0.5), "diameter", "12.5 mm, not 12 mm: it has a stroke"),
     "fine stroke": (stroked(0.1), "diameter", "12.1 mm, not 12 mm: it has a stroke"),
+    "ellipse": (pages(stretched), "diameter", "dot 2 is not round"),
     "dots off": (group_off(b"dots"), "hidden", "no dot shows: their layer is switched off"),
     "tag off": (group_off(b"tag"), "tag", "does not show"),
     "cut off": (group_off(b"cut"), "hidden", "the lines to cut do not show"),
@@ -217,7 +238,14 @@ def invisible(document, space):
     circles(space, "ENGRAVE", 6)[2].dxf.invisible = 1
 
 
+def oval(document, space):
+    dot = circles(space, "ENGRAVE", 6)[2]
+    space.add_ellipse(dot.dxf.center, (6.03, 0), 5.97 / 6.03, dxfattribs={"layer": "ENGRAVE"})
+    space.delete_entity(dot)
+
+
 DXF = {
+    "ellipse": (drawn(oval), "diameter", "dot 2 is not round"),
     "word to cut": (drawn(word), "covered", "the 'TEXT' on the layer CUT is not read"),
     "invisible": (drawn(invisible), "hidden", "an entity is invisible"),
     "dot on CUT": (drawn(one_cut), "layer", "dot 2 is on the layer CUT and would be cut out"),

@@ -163,7 +163,7 @@ DAMAGES = {
     "a core missing": Damage("kind", sentence("dot for ring", 0), MESHES, parts=filled),
     "a dot as a polygon": Damage(
         "diameter",
-        "dot 3 is not round: its sides are up to 0.05133 mm off",
+        "dot 3 is not round: its edge is up to 0.05133 mm off",
         MESHES,
         parts=one("dot-3", lambda part: polygon(part)),
     ),
