@@ -143,9 +143,9 @@ class FunctionObjective(AutogradObjective):
         """See `AutogradObjective.values`."""
         values = type(self).function(points, self)
         if getattr(values, "ndim", 0) != 2:
-            found = f"shape {values.shape}" if hasattr(values, "shape") else brief(values)
+            returned = f"shape {values.shape}" if hasattr(values, "shape") else brief(values)
             remedy = f"return a value for each layout and pose, here ({len(points)}, {len(self.setting.poses)})"
-            raise InputError("values (B, P) of the objective", found, remedy)
+            raise InputError("values (B, P) of the objective", returned, remedy)
         return values
 
 

@@ -235,10 +235,15 @@ class Room:
 
     def information(self, places: Array) -> Array:
         """Information (C, P, k, k) on the body's pose of dots at places (C, 2)."""
+        if self.seen is None:
+            return self._information(places)
+        # A pose that sees no dot of the room may be in its plane or behind it.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            matrices = self.objective.information(places[:, None])[0]
-            matrices = matrices if self.offset is None else moved_information(matrices, -self.offset)
-        return matrices if self.seen is None else np.where(self.seen[:, None, None], matrices, 0.0)
+            return np.where(self.seen[:, None, None], self._information(places), 0.0)
+
+    def _information(self, places: Array) -> Array:
+        matrices = self.objective.information(places[:, None])[0]
+        return matrices if self.offset is None else moved_information(matrices, -self.offset)
 
 
 def certify_rooms(
@@ -268,6 +273,7 @@ class _Fields:
 
     def __init__(self, room: Room, degree: int) -> None:
         self.room, region = room, room.region
+        self.turns = _turns(region)
         self.objective = objective = room.objective
         corners = np.concatenate(region.boundary.outlines())
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
@@ -308,6 +314,11 @@ class _Fields:
         """Values (..., C, d + 1) of the Chebyshev polynomials of both coordinates at places (..., C, 2)."""
         x, y = np.moveaxis((places - self.middle) / self.half, -1, 0)
         return chebyshev.chebvander(x, self._shape[0] - 1), chebyshev.chebvander(y, self._shape[1] - 1)
+
+    def layout_information(self) -> Array:
+        """Packed matrices (P T,) of the room's layout turned by all rotations that its shape allows."""
+        x, y = self.basis(self.room.points @ self.turns)
+        return self.information(np.einsum("tcx,tcy->xy", x, y) / len(self.turns))
 
     def information(self, moments: Array) -> Array:
         """Packed matrices (P T,) of a measure with moments (d + 1, d + 1), sums of products of the basis."""
@@ -390,19 +401,15 @@ class _Worth:
 class _Part:
     """A room's candidate places, caps and branch and bound; values are in units of A^-2 of the layout."""
 
-    def __init__(self, worth: _Worth, rooms: Sequence[Room], fields: Sequence[_Fields], k: int, square: float) -> None:
-        room, self.fields, region = rooms[k], fields[k], rooms[k].region
+    def __init__(self, fields: _Fields, cut: Array, thinning: int) -> None:
+        self.fields, room, region = fields, fields.room, fields.room.region
         self.region, self.n = region, len(room.points)
         self.pitch = max(region.spacing - _SLACK, 0.0)
         self.boxes = 0
-        candidates = candidates_of(region, len(rooms))
-        starts = [_turned_moments(other, part) for other, part in zip(rooms, fields, strict=True)]
-        start = sum((part.information(moments) for part, moments in zip(fields, starts, strict=True)), np.zeros(()))
-        self.start = self.fields.information(starts[k])
-        turns = _turns(region)
-        x, y = self.fields.basis(candidates @ turns)
-        seen = np.sum(x @ self.fields.polynomial(worth.sensitivity(start, 0.1)) * y, axis=-1) * square
-        self.turns = turns if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2 else turns[:1]
+        candidates = candidates_of(region, thinning)
+        x, y = fields.basis(candidates @ fields.turns)
+        seen = np.sum(x @ fields.polynomial(cut) * y, axis=-1)
+        self.turns = fields.turns if self.n * np.ptp(seen, axis=0).max() < CLOSE / 2 else fields.turns[:1]
         self.places = np.concatenate([room.points, candidates[_in_wedge(candidates, len(self.turns))]])
         self.basis = self.fields.basis(self.places @ self.turns)
         coarse = max(COARSE // len(self.turns), 1)
@@ -526,15 +533,15 @@ class _Program:
     def __init__(self, objective: TraceObjective, rooms: Sequence[Room], degree: int, value: float) -> None:
         self.worth, self.square = _Worth(objective), value**2
         fields = [_Fields(room, degree) for room in rooms]
-        self.parts = [_Part(self.worth, rooms, fields, k, self.square) for k in range(len(rooms))]
+        self.start = sum((part.layout_information() for part in fields), np.zeros(()))
+        self.first = self.worth.sensitivity(self.start, 0.1) * self.square
+        self.parts = [_Part(part, self.first, len(rooms)) for part in fields]
         self.n = sum(part.n for part in self.parts)
-        self.start = sum((part.start for part in self.parts), np.zeros(()))
 
     @property
     def accurate(self) -> bool:
         """True if the error of the interpolation is far below the gaps that matter."""
-        start = self.worth.sensitivity(self.start, 0.1) * self.square
-        return sum(part.n * part.fields.error(start) for part in self.parts) < ACCURATE
+        return sum(part.n * part.fields.error(self.first) for part in self.parts) < ACCURATE
 
     def solve(self, progress: Progress | None) -> float:
         """Upper bound of A^-2 for the dots of all rooms, in units of the layout's."""
@@ -571,8 +578,8 @@ class _Program:
                 break
             target = sum((part.information(w) for part, w in zip(parts, weights, strict=True)), np.zeros(()))
             measure = max((measure + step * (target - measure) for step in STEPS), key=self.worth.worth)
-            for part, *found in zip(parts, weights, excess, least, crowded, more, strict=True):
-                part.extend(*found)
+            for part, *shortfall in zip(parts, weights, excess, least, crowded, more, strict=True):
+                part.extend(*shortfall)
         if progress:
             progress("lower bound", ROUNDS, ROUNDS)
         return best
@@ -623,12 +630,6 @@ def _turns(region: FeasibleRegion) -> Array:
     """Rotations (T, 2, 2) of a disk: a layout turned by all is a measure that keeps the caps, and often the best."""
     angles = np.linspace(0.0, 2 * np.pi, ORBIT if len(region.walls) == 1 else 1, endpoint=False)
     return turn_z(angles)[:, :2, :2]
-
-
-def _turned_moments(room: Room, fields: _Fields) -> Array:
-    turns = _turns(room.region)
-    x, y = fields.basis(room.points @ turns)
-    return np.asarray(np.einsum("tcx,tcy->xy", x, y) / len(turns))
 
 
 def _in_wedge(places: Array, count: int) -> Mask:
@@ -696,18 +697,18 @@ def _apart(places: Array, score: Array, least: float, apart: float) -> Index:
     return np.array(chosen, dtype=np.int64)
 
 
-def candidates_of(region: FeasibleRegion, rooms: int) -> Array:
-    """Places (C, 2) in m on the edge of one of several regions and inside."""
+def candidates_of(region: FeasibleRegion, thinning: int) -> Array:
+    """Places (C, 2) in m on the edge of a region and inside, one for `thinning` of `EDGE` and of `INSIDE`."""
     boundary = region.boundary
     rings = boundary.outlines()
     around = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=-1).sum()) for ring in rings)
     edge = []
     for ring in rings:
         step = np.roll(ring, -1, axis=0) - ring
-        parts = np.ceil(np.linalg.norm(step, axis=-1) * EDGE / rooms / around).astype(int)
+        parts = np.ceil(np.linalg.norm(step, axis=-1) * EDGE / thinning / around).astype(int)
         edge += [a + np.arange(k)[:, None] / k * d for a, d, k in zip(ring, step, np.maximum(parts, 1), strict=True)]
     low, high = np.concatenate(rings).min(axis=0), np.concatenate(rings).max(axis=0)
-    pitch = np.sqrt(boundary.area * rooms / INSIDE)
+    pitch = np.sqrt(boundary.area * thinning / INSIDE)
     x, y = (np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     grid = grid[boundary.depth(grid) >= region.inset]

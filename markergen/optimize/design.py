@@ -246,8 +246,8 @@ class Design(Result):
     def parts(self) -> list[str | Table]:
         """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
         if self.account:
-            found = f"found in {self.seconds:.1f} s"
-            return [self.account.summary, self._bound, *self._interruption, self.account.table, found]
+            duration = f"found in {self.seconds:.1f} s"
+            return [self.account.summary, self._bound, *self._interruption, self.account.table, duration]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:

@@ -560,7 +560,7 @@ def descend(
     # The first step moves the fastest coordinate of each layout by a twentieth of the radius.
     fastest = np.max(np.abs(gradient), axis=(1, 2), keepdims=True)
     step = np.broadcast_to(0.05 * scale / np.maximum(fastest, 1e-300), points.shape).copy()
-    # From here on every array but `found` and `found_value` contains only the active layouts.
+    # From here on every array but `layouts` and `values` contains only the active layouts.
     alive = np.arange(len(points))
     best, best_value, reference = points.copy(), values.copy(), values.copy()
     taken = 0

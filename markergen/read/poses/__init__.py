@@ -82,10 +82,10 @@ def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
         rotation, translation = values.reshape(-1, 2, 3).swapaxes(0, 1)
     else:
         remedy = f"give a text such as cone:tilt=0..60, a path, {FORMS}, a DataFrame, or a function of a generator"
-        found = f"an array of shape {values.shape}" if values.size else brief(source)
+        form = f"an array of shape {values.shape}" if values.size else brief(source)
         if values.shape[-2:] == (4, 4):
-            found, remedy = f"{found} whose last rows are not 0 0 0 1", "transpose them, or complete their last rows"
-        raise InputError("poses", found, remedy)
+            form, remedy = f"{form} whose last rows are not 0 0 0 1", "transpose them, or complete their last rows"
+        raise InputError("poses", form, remedy)
     if not len(translation):
         raise InputError("at least one pose", "none", f"give {FORMS}")
     return numbers_of(translation, rotation, lambda index: f"poses[{index}]")
