@@ -207,11 +207,12 @@ class JointProblem:
         lead = OBJECTIVES[parse_goal(self.spec.objective).lead](setting, self.spec.aggregate)
         return len(self.poses) - len(served), float(lead.aggregated(errors[served], 0.0)[0])
 
-    def certify(self, blocks: Sequence[Block], covered: Coverage, progress: Progress | None = None) -> Certificate:
-        """Lower bound on the `value` of any dots in the rooms of the blocks that serve the same poses."""
+    def certify(
+        self, blocks: Sequence[Block], covered: Coverage, value: float, progress: Progress | None = None
+    ) -> Certificate:
+        """Lower bound on the `value` of any dots in the rooms of the blocks that serve the same poses, for theirs."""
         goal = parse_goal(self.spec.objective)
         n, served = len(covered.points), np.flatnonzero(covered.served)
-        _, value = self.value(covered, self.errors(covered, self.information(blocks, covered)))
         if len(goal.terms) > 1 or self.spec.survive:
             words = "is a weighted sum" if len(goal.terms) > 1 else "counts lost dots"
             return Certificate(n, value, reason=f"the objective {words}")

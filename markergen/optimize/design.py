@@ -117,7 +117,7 @@ class Account:
         Expected errors.
     warnings : tuple of str
     certify : callable
-        Computes the lower bound.
+        Computes the lower bound for the value of the objective.
     results : mapping
         Values of the JSON text in place of those of a marker; empty for a marker.
     """
@@ -125,7 +125,7 @@ class Account:
     summary: str
     table: Table
     warnings: tuple[str, ...]
-    certify: Callable[[Progress | None], Certificate]
+    certify: Callable[[float, Progress | None], Certificate]
     results: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -306,7 +306,7 @@ class Design(Result):
     def certify(self, progress: Progress | None = None) -> Certificate:
         """Compute `certificate`, which may take as long as the search."""
         if self.account and not self._certificates:
-            self._certificates.append(self.account.certify(progress))
+            self._certificates.append(self.account.certify(self.value, progress))
         if not self._certificates:
             region = self.dots.region(self.spec)
             ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
@@ -357,13 +357,12 @@ class Design(Result):
 
     def to_json(self) -> bytes:
         """Return value, lower bound (null if none is known), dots, criteria, warnings and files as JSON text."""
-        results = dict(self.account.results) if self.account else {}
-        if results:
-            self.certify()
-            results |= self.found_under()
+        self.certify()
+        is_rig = isinstance(self.body, Rig)
+        results = {**self.account.results, **self.found_under()} if self.account and is_rig else self._results()
         files: dict[str, Any] = {"warnings": self.warnings, "files": files_as_json(self.written)}
         files |= {"interrupted_s": self.interrupted} if self.interrupted else {}
-        return json_bytes(plain({**(results or self._results()), **files}))
+        return json_bytes(plain({**results, **files}))
 
     def _results(self) -> dict[str, Any]:
         stored, bound = self.marker.provenance, self.certificate

@@ -249,13 +249,13 @@ class RigSearch:
             covered, self.problem.errors(covered, self.problem.information(self.blocks, covered))
         )[1]
 
-    def certify(self, progress: Progress | None = None) -> Certificate:
-        """Lower bound on the joint pose's error, whether or not layouts have to tell plates apart."""
+    def certify(self, value: float, progress: Progress | None = None) -> Certificate:
+        """Lower bound on the joint pose's error, here `value`, whether or not layouts have to tell plates apart."""
         dots = sum(len(block.points) for block in self.blocks)
         if self.given or not self.is_joint:
             reason = "some markers were given" if self.given else "the objective is that of each plate alone"
             return Certificate(dots, np.nan, reason=reason)
-        return self.problem.certify(self.blocks, self.see(self.blocks), progress)
+        return self.problem.certify(self.blocks, self.see(self.blocks), value, progress)
 
     def safety(self, k: int, j: int) -> float:
         """Safety in px against taking plate k for plate j, see `foreign_safety`."""
@@ -356,7 +356,7 @@ def _account(
     single: Array,
     dots: str,
     safety: float,
-    certify: Callable[[Progress | None], Certificate],
+    certify: Callable[[float, Progress | None], Certificate],
 ) -> Account:
     """Plates, dots, what the poses see of them, and expected errors over the poses that see a plate."""
     stored, poses = rig.provenance, covered.poses
