@@ -726,7 +726,10 @@ def _place(
         optimum = Optimum(points, np.nan)
     elif spec.asymmetric:
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
-        points = number(upright(optimum.points, objective, region, lambda turned: _safe(turned, spec, setting)))
+        points = optimum.points
+        if not optimum.binding:
+            points = upright(points, objective, region, lambda turned: _safe(turned, spec, setting))
+        points = number(points)
     else:
         optimum = search(objective, region, spec.n, rng, *more, first)
         if spec.relief:

@@ -8,7 +8,7 @@ the rival's poses, so these need not be differentiated,
     dD = sum over j of e_j . (dm_T(X_s(j)) - dm_T'(X_j)) / D,    e_j = m_T(X_s(j)) - m_T'(X_j).
 
 A symmetric layout, D = 0, is the tip of a cone, from which no derivative leads away: starts are perturbations of the
-unconstrained optimum, and random layouts.
+unconstrained optimum, and random layouts. There are no more of them once a few agree, as in the search without demand.
 
 Plates are distinguished by layouts that no affine map takes to each other, which has no derivative of use: such layouts
 are found by random variation.
@@ -38,7 +38,7 @@ from markergen.objectives import Objective
 from markergen.optimize.ending import Ended, end_if_due, is_due
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, polish, slsqp
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.search import Optimum, search
+from markergen.optimize.search import Optimum, agreed, search
 from markergen.optimize.trace import Record
 from markergen.options import Progress
 
@@ -65,8 +65,9 @@ safety as a multiple of the demand."""
 LOOKED, FOLLOWED = 4, 40
 """Numbers of poses at which a round searches for rivals, and to which it follows them; the final check uses more."""
 
-FINALISTS, FINISHES = 4, 8
-"""Number of best layouts examined from all poses, and maximum number of times that each is cut again."""
+FINALISTS, FINISHES, REACHED = 4, 8, 2e-4
+"""Number of best layouts examined from all poses, maximum number of times that each is cut again, and relative
+difference to the next one below which a finished layout is the result: more cuts never make a layout better."""
 
 HOPELESS = 0.8
 """Fraction of the demand below which a layout is not cut again in the final stage."""
@@ -118,6 +119,11 @@ class AsymmetricOptimum:
     def reached(self) -> bool:
         """True if the layout has the demanded safety."""
         return self.safety.least >= self.demanded
+
+    @property
+    def binding(self) -> bool:
+        """True if the layout is hardly safer than demanded: a rotation by itself then breaks the demand."""
+        return self.safety.least < self.demanded * (1 + 2 * SLACK)
 
     @property
     def cost(self) -> float:
@@ -193,23 +199,31 @@ def asymmetric_search(
     if candidates[0].safety.least < px:
         looked = representative(objective.setting.poses, LOOKED)
         followed = representative(objective.setting.poses, FOLLOWED)
-        layouts, bar = list[_Layout](), np.inf
+        layouts, ends = list[_Layout](), list[tuple[Array, float]]()
         for done, start in enumerate(starts):
             if progress:
                 progress("asymmetric", done, len(starts) + FINALISTS)
+            bar = min((value for _, value in ends), default=np.inf)
             try:
                 layouts.append(_cut(start, px, _Cuts(objective, region, record, looked, followed), bar))
             except Ended:
                 break
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
-                bar = min(bar, layouts[-1].value)
+                ends.append((layouts[-1].points, layouts[-1].value))
+                if not restarts and agreed(ends):
+                    break
         layouts = [layout for layout in layouts if region.holds(layout.points[None])[0]]
         # Layouts that lack little are finished with the others.
         layouts.sort(key=lambda layout: (max(HOPELESS * px - layout.px, 0.0), layout.value))
-        for done, layout in enumerate(layouts[:FINALISTS], start=1):
-            candidates += _finished(layout, px)
+        for done, layout in enumerate(layouts[:FINALISTS]):
+            best = min(candidates, key=lambda candidate: candidate.rank(px))
+            if best.safety.least >= px and best.value <= layout.value * (1 + REACHED):
+                break
             if progress:
                 progress("asymmetric", len(starts) + done, len(starts) + FINALISTS)
+            candidates += _finished(layout, px)
+        if progress:
+            progress("asymmetric", 1, 1)
     best = min(candidates, key=lambda candidate: candidate.rank(px))
     return AsymmetricOptimum(best.points, best.value, best.safety, px, free)
 
