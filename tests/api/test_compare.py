@@ -15,7 +15,7 @@ from markergen.comparison import series
 from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.model.body_json import to_json
 
-FEW = {"views": 4, "poses": "cone:count=20", "workers": 1}
+FEW = {"views": 2, "poses": "cone:distance=1.3..1.5m,count=20", "workers": 1}
 
 
 @pytest.fixture(scope="module")
@@ -110,11 +110,11 @@ def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, 
     monkeypatch.setattr(series.time, "process_time", lambda: 0.0)
     found = compare(pentagon, "square", **FEW)
     Path("marker").write_bytes(to_json(pentagon))
-    words = ["compare", "marker", "square", "--views", "4", "--poses", "cone:count=20", "--workers", "1"]
+    words = ["compare", "marker", "square", "--views", "2", "--poses", FEW["poses"], "--workers", "1"]
     assert main(words) == 0
     assert capsys.readouterr().out == str(found) + "\n"
     assert len(repr(found)) < 2000
-    assert "4 views; marker 0.0" in repr(found)
+    assert "2 views; marker 0.0" in repr(found)
 
 
 def test_html_is_escaped_and_text_as_it_is(found, hostile):

@@ -23,6 +23,7 @@ from markergen.model.poses import named_poses
 from markergen.model.shape_file import BoundaryFile
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
+from markergen.optimize import certificate
 from markergen.optimize.design import design as find
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import search
@@ -262,8 +263,9 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     ],
     ids=["for the images", "by smaller dots", "asked for"],
 )
-def test_no_layout_breaks_what_the_results_claim(room, n, objective, options, tmp_path):
+def test_no_layout_breaks_what_the_results_claim(room, n, objective, options, tmp_path, monkeypatch):
     """Reads value, bounds and constraints from the JSON alone, and looks for layouts that keep them and are better."""
+    monkeypatch.setattr(certificate, "ROUNDS", 60)
     poses = "cone:distance=0.6..1.5,tilt=0..70,azimuth=-180..180,count=60"
     design(n=n, boundary=room, objective=objective, poses=poses, json=tmp_path / "design.json", **options)
     claims = json.loads((tmp_path / "design.json").read_text())

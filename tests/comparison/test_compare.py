@@ -21,6 +21,9 @@ from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
 
+VIEWS = 20
+FAR = "cone:distance=1.3..1.5m,count=20"
+"""Poses whose images are small, for what is not about them."""
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5:0.75"]
 
 
@@ -44,14 +47,27 @@ def path(tmp_path_factory, pentagon):
 @pytest.fixture(scope="module")
 def results(path, few_tuning_views):
     calls = []
-    found = compare([path, *PEERS], views=20, workers=1, progress=lambda *call: calls.append(call))
+    found = compare([path, *PEERS], views=VIEWS, workers=1, progress=lambda *call: calls.append(call))
     return SimpleNamespace(found=found, calls=calls)
+
+
+@pytest.fixture(scope="module")
+def timed(path, few_tuning_views):
+    """A comparison with one whose library is missing, and the seconds of processor time and of the forecast."""
+    calls = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "stag", None)
+        found, cpu_s = module.compare_and_time(
+            [path, "square", "stag:HD21"], views=2, poses=FAR, workers=1,
+            progress=lambda *call: calls.append(call), announce=calls.append,
+        )  # fmt: skip
+    return SimpleNamespace(found=found, cpu_s=cpu_s, calls=calls)
 
 
 @pytest.mark.long
 def test_ours_and_the_peers_are_told_apart(results):
     first, *peers = results.found["contestants"]
-    assert (first["detected"], first["wrong"], first["flips"], first["failures"]) == (20, 0, 0, [])
+    assert (first["detected"], first["wrong"], first["flips"], first["failures"]) == (VIEWS, 0, 0, [])
     # Measured over 200 views: 0.0095 deg and 0.0022 %; single frontal views reach 0.05 deg.
     assert first["rotation_deg"]["rms"] <= 0.03
     assert first["translation_pct"]["rms"] <= 0.04
@@ -105,16 +121,15 @@ def test_a_board_is_tried_with_tags_of_several_sizes(few_tuning_views, monkeypat
     monkeypatch.setattr(
         ChArUco, "settings", {"detector": ChArUco.detectors, "refiner": {"": 0}, "image": {"": 1}, "pose": {"": "lm"}}
     )
-    *_, board = compare(["square", "charuco:4x4"], views=2, workers=1)["contestants"]
+    *_, board = compare(["square", "charuco:4x4"], views=2, poses=FAR, workers=1)["contestants"]
     assert {row["size"].rpartition(", ")[2] for row in board["tuning"]} == {
         sentence("tags of", 60), sentence("tags of", 75),
     }  # fmt: skip
     assert board["size"] in {row["size"] for row in board["tuning"]}
 
 
-def test_what_is_not_installed_keeps_its_row(path, few_tuning_views, monkeypatch):
-    monkeypatch.setitem(sys.modules, "stag", None)
-    found, cpu_s = module.compare_and_time([path, "square", "stag:HD21"], views=2, workers=1)
+def test_what_is_not_installed_keeps_its_row(timed, path):
+    found, cpu_s = timed.found, timed.cpu_s
     last = found["contestants"][-1]
     assert (last["name"], last["detected"], last["rate"]) == ("stag:HD21", 0, 0)
     assert last["absent"] == sentence("needs peer")
@@ -127,8 +142,8 @@ def test_what_is_not_installed_keeps_its_row(path, few_tuning_views, monkeypatch
     assert comparison_figure(found).get_axes()
 
 
-def test_processor_time_is_printed_but_not_saved(path):
-    found, cpu_s = module.compare_and_time([path, "square"], views=2, workers=1)
+def test_processor_time_is_printed_but_not_saved(timed):
+    found, cpu_s = timed.found, timed.cpu_s
     assert min(cpu_s.values()) > 0
     assert " ms" in str(Comparison(found, cpu_s=cpu_s))
     assert " ms" not in str(Comparison(found))
@@ -137,15 +152,15 @@ def test_processor_time_is_printed_but_not_saved(path):
 
 def test_results_are_plain_json_and_add_up(results):
     found = json.loads(json_bytes(results.found))
-    assert found["views"]["count"] == 20
+    assert found["views"]["count"] == VIEWS
     common = found["views"]["common"]
     for entry in found["contestants"]:
-        assert entry["count"] == 20
-        assert entry["detected"] + sum("pose has failed" not in f["reason"] for f in entry["failures"]) == 20
+        assert entry["count"] == VIEWS
+        assert entry["detected"] + sum("pose has failed" not in f["reason"] for f in entry["failures"]) == VIEWS
         assert entry["rotation_deg"]["count"] == entry["detected"] - entry["failed"]
         assert entry["common"]["rotation_deg"]["count"] == common
         for by in ("by_polar_angle", "by_distance"):
-            assert sum(group["count"] for group in entry[by].values()) == 20
+            assert sum(group["count"] for group in entry[by].values()) == VIEWS
             assert sum(group["detected"] for group in entry[by].values()) == entry["detected"]
             assert sum(group["common"]["count"] for group in entry[by].values()) == common
         squares = sum(
@@ -167,15 +182,13 @@ def test_each_peer_has_the_best_of_its_settings(results):
         assert rates[peer["size"], peer["setting"]] >= 0.95 * max(rates.values())
 
 
-def test_a_forecast_is_announced_once_before_the_stages(path, few_tuning_views):
-    calls = []
-    compare([path, "square"], views=2, workers=1, progress=lambda *call: calls.append(call), announce=calls.append)
-    assert 0 < calls[0] < 600
-    assert not any(isinstance(call, float) for call in calls[1:])
+def test_a_forecast_is_announced_once_before_the_stages(timed):
+    assert 0 < timed.calls[0] < 600
+    assert not any(isinstance(call, float) for call in timed.calls[1:])
 
 
 def test_progress_counts_every_stage_to_the_end(results):
-    for stage, total in (("settings", 15), ("views", 80), ("bounds", 80)):
+    for stage, total in (("settings", 15), ("views", 4 * VIEWS), ("bounds", 4 * VIEWS)):
         done = [call[1] for call in results.calls if call[0] == stage]
         assert done[0] == 0
         assert done[-1] == total
@@ -259,7 +272,7 @@ def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch)
         return replace(found, pixels=np.roll(found.pixels, 1, axis=0))
 
     monkeypatch.setattr(DotBody, "sight", careless)
-    first = compare([path, "square"], views=3, workers=1)["contestants"][0]
+    first = compare([path, "square"], views=3, poses=FAR, workers=1)["contestants"][0]
     assert (first["detected"], first["wrong"], first["rotation_deg"]["count"]) == (0, 3, 0)
     assert all("px off" in failure["reason"] for failure in first["failures"])
 
