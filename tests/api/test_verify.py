@@ -28,8 +28,8 @@ def marker(make_ngon):
 def written(marker, make_ngon, tmp_path_factory):
     folder = tmp_path_factory.mktemp("verify")
     (folder / "marker.json").write_bytes(to_json(marker))
-    save(marker, [folder / "marker.svg", folder / "marker.csv"])
-    save(make_ngon(6, 0.05, 0.012), [folder / "other.svg"])
+    save(marker, [folder / "marker.csv", folder / "marker.svg"])
+    save(make_ngon(6, 0.05, 0.012), [folder / "other.csv"])
     return folder
 
 
@@ -41,9 +41,9 @@ def here(written, tmp_path, monkeypatch):
 
 
 def test_a_check_of_each_file_in_their_order(here, marker):
-    found = verify(marker, "marker.svg", here / "other.svg", "none.svg", "marker.csv")
+    found = verify(marker, "marker.csv", here / "other.csv", "none.csv", "marker.svg")
     assert isinstance(found, Sequence)
-    assert [check.path for check in found] == ["marker.svg", str(here / "other.svg"), "none.svg", "marker.csv"]
+    assert [check.path for check in found] == ["marker.csv", str(here / "other.csv"), "none.csv", "marker.svg"]
     assert [check.passed for check in found] == [True, False, False, True]
     assert len(found[1:]) == 3
     assert found[2].error
@@ -51,36 +51,33 @@ def test_a_check_of_each_file_in_their_order(here, marker):
     assert not found.usable
     # What fails is a sequence all the same.
     assert found
-    good = verify("marker.json", "marker.svg")
+    good = verify("marker.json", "marker.csv")
     assert good.passed
     assert good.usable
     assert good[0].dots == 5
-    assert verify(json.loads(Path("marker.json").read_text()), "marker.svg").passed
+    assert verify(json.loads(Path("marker.json").read_text()), "marker.csv").passed
 
 
-def test_a_tolerance_is_a_length(here, marker):
-    text = Path("marker.svg").read_text()
-    Path("scaled.svg").write_text(
-        text.replace('width="148mm"', 'width="147.852mm"').replace('height="210mm"', 'height="209.79mm"')
-    )
-    assert not verify(marker, "scaled.svg").passed
-    assert verify(marker, "scaled.svg", tolerance="0.1mm").passed
-    assert verify(marker, "scaled.svg", tolerance=1e-4).passed
+def test_a_tolerance_is_a_length(here, marker, make_marker):
+    save(make_marker(0.999 * marker.xyz[:, :2], 0.05, 0.012), [here / "scaled.pdf"])
+    assert not verify(marker, "scaled.pdf").passed
+    assert verify(marker, "scaled.pdf", tolerance="0.1mm").passed
+    assert verify(marker, "scaled.pdf", tolerance=1e-4).passed
 
 
 @pytest.mark.parametrize(
     ("arguments", "options", "said"),
     [
-        ([3, "marker.svg"], {}, "dict of marker.json"),
-        (["none.json", "marker.svg"], {}, "none.json"),
+        ([3, "marker.csv"], {}, "dict of marker.json"),
+        (["none.json", "marker.csv"], {}, "none.json"),
         (["marker.json"], {}, "files to verify"),
         (["marker.json", None], {}, "files to verify"),
         (["marker.json", 5], {}, "a path"),
-        (["marker.json", b"marker.svg"], {}, "a path"),
-        (["marker.json", "marker.svg"], {"tolerance": 0}, "tolerance above 0"),
-        (["marker.json", "marker.svg"], {"tolerance": "much"}, "tolerance='much' (a length"),
-        (["marker.json", "marker.svg"], {"tolerence": 1}, "did you mean 'tolerance'?"),
-        (["marker.json", "marker.svg"], {"save": "found.txt"}, ".json"),
+        (["marker.json", b"marker.csv"], {}, "a path"),
+        (["marker.json", "marker.csv"], {"tolerance": 0}, "tolerance above 0"),
+        (["marker.json", "marker.csv"], {"tolerance": "much"}, "tolerance='much' (a length"),
+        (["marker.json", "marker.csv"], {"tolerence": 1}, "did you mean 'tolerance'?"),
+        (["marker.json", "marker.csv"], {"save": "found.txt"}, ".json"),
     ],
 )
 def test_bad_input_is_our_own_error_in_one_line(here, arguments, options, said):
@@ -94,19 +91,19 @@ def test_bad_input_is_our_own_error_in_one_line(here, arguments, options, said):
 
 def test_what_cannot_be_written_is_told_before_the_work(here, monkeypatch):
     monkeypatch.setattr(module, "verify_all", None)
-    for path in ("marker.json", "marker.svg", "no/found.json"):
+    for path in ("marker.json", "marker.csv", "no/found.json"):
         with pytest.raises(OutputError):
-            verify("marker.json", "marker.svg", json=path)
+            verify("marker.json", "marker.csv", json=path)
 
 
 def test_saving_nothing_is_refused_and_none_asks_for_nothing(here):
-    found = verify("marker.json", "marker.svg", save=None)
+    found = verify("marker.json", "marker.csv", save=None)
     with pytest.raises(InputError, match="write to, found none"):
         found.save()
 
 
 def test_files(here, marker):
-    found = verify(marker, "marker.svg", "other.svg", save="found.json", json="plain")
+    found = verify(marker, "marker.csv", "other.csv", save="found.json", json="plain")
     assert [str(each) for each in found.written] == ["wrote found.json", "wrote plain"]
     assert Path("found.json").read_bytes() == Path("plain").read_bytes() == found.to_json()
     assert [each["passed"] for each in json.loads(found.to_json())] == [True, False]
@@ -115,12 +112,12 @@ def test_files(here, marker):
 
 
 def test_printed_it_is_what_the_command_prints(here, marker, capsys):
-    found = verify(marker, "marker.svg", "other.svg")
-    assert main(["verify", "marker.json", "marker.svg", "other.svg"]) == 1
+    found = verify(marker, "marker.csv", "other.csv")
+    assert main(["verify", "marker.json", "marker.csv", "other.csv"]) == 1
     assert capsys.readouterr().out == str(found) + "\n"
     assert "WRONG" in str(found)
     # The command tells on stderr what could not be used.
-    assert "none.svg" in str(verify(marker, "none.svg"))
+    assert "none.csv" in str(verify(marker, "none.csv"))
 
 
 def test_short_and_escaped_whatever_files_are_called(here, marker):
@@ -133,10 +130,11 @@ def test_short_and_escaped_whatever_files_are_called(here, marker):
     assert HOSTILE in str(found)
 
 
-def test_rows_for_each_file(here, marker, frames, monkeypatch):
-    found = verify(marker, "marker.svg", "other.svg")
+def test_rows_for_each_file(here, marker, make_ngon, frames, monkeypatch):
+    save(make_ngon(6, 0.05, 0.012), [here / "other.pdf"])
+    found = verify(marker, "marker.csv", "other.pdf")
     rows = found.to_frame()
-    assert [(row["file"], row["passed"]) for row in rows] == [("marker.svg", True), ("other.svg", False)]
+    assert [(row["file"], row["passed"]) for row in rows] == [("marker.csv", True), ("other.pdf", False)]
     assert rows[0]["largest_m"] < 1e-6
     assert "another marker" in rows[1]["findings"]
     monkeypatch.setitem(sys.modules, "pandas", None)
@@ -146,7 +144,7 @@ def test_rows_for_each_file(here, marker, frames, monkeypatch):
 
 def test_it_can_be_sent_to_another_process_and_tells_the_log_alone(here, marker, caplog, capsys):
     with caplog.at_level(logging.INFO, "markergen"):
-        found = verify(marker, "marker.svg")
+        found = verify(marker, "marker.csv")
     assert str(pickle.loads(pickle.dumps(found))) == str(found)
     assert len(caplog.records) == 2
     captured = capsys.readouterr()
