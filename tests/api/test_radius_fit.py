@@ -22,19 +22,19 @@ from markergen.model.substrate import Substrate, parse_mount
 from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import spec_from_mapping
 
-PAGED = {"n": 4, "restarts": 1, "dot": "20mm", "poses": "cone:count=30"}
-QUICK = {"n": 4, "dot": "8mm", "restarts": 1, "poses": "cone:count=30"}
+PAGED = {"n": 4, "restarts": 1, "dot": "20mm", "poses": "cone:count=8"}
+QUICK = {"n": 4, "dot": "8mm", "restarts": 1, "poses": "cone:count=8"}
 
 
 def test_it_is_the_design_of_that_radius(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    spec = 'n = 4\ndot = "8mm"\nrestarts = 1\nposes = "cone:count=30"\nradius = "fit"\npaper = "A5"\n'
+    spec = 'n = 4\ndot = "8mm"\nrestarts = 1\nposes = "cone:count=8"\nradius = "fit"\npaper = "A5"\n'
     (tmp_path / "spec.toml").write_text(spec)
     camera = io.StringIO(json.dumps(PAPER_CAMERA.as_dict()))
     found = design(template="spec.toml", camera=camera, output="fit.pdf")
     assert sentence("stands on", "A5 (148 x 210 mm)", "120 mm") in found.written[0].notes[0]
     assert found.marker.provenance["spec"]["boundary"] == Circle(0.06).as_dict()
-    words = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=30", "--paper=A5"]
+    words = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=8", "--paper=A5"]
     assert main(["design", *words, "--radius=60mm", "-o", "explicit.pdf"]) == 0
     for suffix in (".pdf", ".json"):
         assert (tmp_path / f"fit{suffix}").read_bytes() == (tmp_path / f"explicit{suffix}").read_bytes()
@@ -70,7 +70,7 @@ def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limit
 
 
 def test_the_best_number_of_dots_is_that_of_the_largest_disk():
-    quick = {"n": "auto", "restarts": 1, "poses": "cone:count=20", "dot": "20mm"}
+    quick = {"n": "auto", "restarts": 1, "poses": "cone:count=8", "dot": "20mm"}
     found = design(**quick, radius="fit", paper="A5")
     radius = found.marker.boundary.radius
     assert found.marker == design(**quick, radius=radius).marker
@@ -121,7 +121,7 @@ def test_what_cannot_fit_is_said():
 def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, paper):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LC_ALL", locale)
-    words = ["design", "--n=4", "--restarts=1", "--poses=cone:count=30", "--quiet"]
+    words = ["design", "--n=4", "--dot=20mm", "--restarts=1", "--poses=cone:count=8", "--quiet"]
     assert main([*words, "-o", "page.pdf"]) == 0
     found = Marker.load("page.json")
     options = SheetOptions(paper)

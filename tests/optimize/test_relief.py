@@ -14,8 +14,8 @@ from markergen.optimize.design import design
 from markergen.optimize.problem import FeasibleRegion, breach
 from markergen.optimize.relief import ReliefRoom, check_relief, polish_relief, relief_breach, search_relief
 
-ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=30"
-QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=2, poses=ONE_SIDED)
+ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=12"
+QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=1, poses=ONE_SIDED)
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_a_relief_goes_all_the_way():
     np.testing.assert_array_equal(read.xyz, marker.xyz)
     assert read.height == marker.height > 0
     assert marker.control_points[0].feature.kind == "ring"
-    assert ("relief", 0, 2) in done
+    assert ("relief", 0, 1) in done
     assert done[-1][1] == done[-1][2]
     # A relief has no homography and no c(A); what lies beside it does.
     assert set(found.criteria["design"]) == {"pose_m", "rotation_deg", "translation_pct"}
@@ -84,7 +84,7 @@ def test_every_kind_of_spec_can_have_a_relief(spec):
 @pytest.mark.parametrize("name", ["L", "two squares"])
 def test_a_relief_in_any_room(name, shapes):
     shape = shapes[name]
-    spec = Spec(n=5, boundary=shape, dot=0.015, relief=0.03, restarts=2, poses=ONE_SIDED)
+    spec = Spec(n=5, boundary=shape, dot=0.015, relief=0.03, restarts=1, poses=ONE_SIDED)
     found = design(spec)
     assert breach(found.marker.xyz, shape, (), 0.015, 0.0015) <= 1e-9
     assert found.criteria["design"]["pose_m"] <= found.criteria["flat"]["pose_m"]

@@ -24,7 +24,7 @@ def found(objective, room, n, seed=0, dot=0.02, **options):
 @pytest.mark.parametrize(("n", "dot"), [(4, 0.036), pytest.param(8, 0.015, marks=pytest.mark.long)])
 def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
     for name, room in rooms.items():
-        points = found(criterion(room), room, n, dot=dot, restarts=2).points
+        points = found(criterion(room), room, n, dot=dot, restarts=1).points
         boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
         # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
@@ -81,7 +81,7 @@ def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
         rough = OBJECTIVES["pose"](Setting(boundary, setting.camera, fewer(poses)))
         x, y = 0.1 - region.inset, 0.05 - region.inset
         corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
-        optimum = search(objective, region, 4, np.random.default_rng(seed), rough=rough)
+        optimum = search(objective, region, 4, np.random.default_rng(seed), rough=rough, restarts=1)
         assert optimum.value <= objective(corners[None])[0] * (1 + 1e-9)
 
 
@@ -145,7 +145,7 @@ def test_it_is_no_worse_than_what_it_is_compared_with(rooms, criterion):
 def test_other_objectives_are_searched_as_well(rooms, criterion, name):
     room = rooms["L"]
     objective = criterion(room, name)
-    optimum = found(objective, room, 5, restarts=2)
+    optimum = found(objective, room, 5, restarts=1)
     region = FeasibleRegion(room, 0.02, 0.002)
     assert region.holds(optimum.points[None])[0]
     sampled = objective(region.sample(200, 5, np.random.default_rng(1)))
