@@ -185,7 +185,8 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
     """Design what is requested, and write it; files are checked before the search and written after it."""
     paths, is_rig = request.paths, request.shape is not None
     targets = family_paths(paths, request.ids) if request.ids else paths
-    check_exports(paths, request.choices, None if is_rig else request.spec, "rig" if is_rig else "marker")
+    frame, count = "rig" if is_rig else "marker", max(len(request.ids), 1)
+    check_exports(paths, request.choices, None if is_rig else request.spec, frame, count)
     for path in request.traces:
         check_trace_path(path)
     for path in request.coverages:

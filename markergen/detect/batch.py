@@ -8,7 +8,7 @@ from json import dumps
 from pathlib import Path
 from typing import Any, TextIO
 
-from markergen.detect.detector import Detector
+from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import overlay as drawn_over
 from markergen.detect.results import Found
 from markergen.errors import InputError, OutputError
@@ -177,6 +177,7 @@ def detect_files(
         raise InputError(f"a video or camera for --{'window' if window else 'smooth'}", "images", "leave it out")
     if overlay and Path(overlay).suffix.lower() in SUFFIXES:
         raise InputError("a folder for overlays of images", f"the video {overlay}", "give such an --overlay")
+    check_deadline(deadline)
     detector = Detector(markers, camera, **options)
     paths = find_images(as_list(images), warn)
     at_once = workers_for(workers, len(paths))

@@ -49,6 +49,12 @@ TYPICAL = (
 """What a detector without a camera has to say."""
 
 
+def check_deadline(deadline: float | None) -> None:
+    """Refuse a deadline that is not above 0 s; None stands for none."""
+    if deadline is not None and not deadline > 0:
+        raise InputError("a deadline above 0 s", f"{deadline:g}", "give seconds such as 0.1, or leave it out")
+
+
 class Detector:
     """Finds markers in the frames of one camera; built once, used for every frame.
 
@@ -231,8 +237,10 @@ class Detector:
         Raises
         ------
         InputError
-            If the frame is no such array or image, or not of the camera's size, or `near` is not such results.
+            If the frame is no such array or image, or not of the camera's size, `near` is not such results, or the
+            deadline is not above 0.
         """
+        check_deadline(deadline)
         grey = grey_frame(self._read(frame))
         before = () if near is None else [self._before(one) for one in as_list(near)]
         findings = self._engine(grey, near=() if whole else before, deadline=deadline)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.batch import files_among, silent
-from markergen.detect.detector import Detector
+from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import Window, has_display
 from markergen.detect.results import Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations, parse_readout
@@ -149,6 +149,7 @@ def detect_video(
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
+    check_deadline(deadline)
     detector = Detector(markers, camera, **options)
     if smooth is not None and detector.camera is None:
         raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")

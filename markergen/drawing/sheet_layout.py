@@ -128,9 +128,15 @@ def one_page(
     )
 
 
-def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = True) -> None:
-    """Reject a boundary that is too large for the paper, whatever its dots, and may not be tiled; see `pages_for`."""
+def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = True, count: int = 1) -> None:
+    """Reject paper that is too small for a number of markers in a boundary, whatever their dots; see `pages_for`."""
     box = drawn_box(boundary)
+    if count > 1 and not many_pages:
+        most = max((_grid(box, frame) for frame in options.candidates()), key=lambda grid: grid.count)
+        if most.count < count:
+            expected = f"a page for {count} markers {size_words(boundary)}"
+            raise InputError(expected, f"{most.frame.paper} for {most.count}", "use .pdf, or a larger --paper")
+        return
     reach = _reach_of(box, (inf, inf, -inf, -inf), options.colors)
     if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
         raise _too_small(reach, boundary, options, _TILES if many_pages else "write a .pdf, which can have tiles")
@@ -370,7 +376,8 @@ def grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequenc
 
     Of the frames, the one that holds more markers is taken.
     """
-    best = max((_grid(figures, frame) for frame in frames), key=lambda grid: grid.count)
+    box = union(*(union(figure.outline, figure.quiet) for figure in figures))
+    best = max((_grid(box, frame) for frame in frames), key=lambda grid: grid.count)
     if best.count < 2:
         return ()
     batches = [figures[start : start + best.count] for start in range(0, len(figures), best.count)]
@@ -419,11 +426,12 @@ def _region(frame: Frame) -> Box:
     return left + BESIDE * frame.scale, bottom, right, top
 
 
-def _grid(figures: Sequence[Figure], frame: Frame) -> PageGrid:
+def _grid(box: Box, frame: Frame) -> PageGrid:
+    """Grid of as many markers as fit, each of which fills a box from its origin, mm."""
     scale = frame.scale
     # Room for a number and a tick outside the outline and all quiet zones.
     pad = (TICK + 2) * scale
-    left, bottom, right, top = union(*(union(figure.outline, figure.quiet) for figure in figures))
+    left, bottom, right, top = box
     width, height = right - left + 2 * pad, top - bottom + 2 * pad + 2 * CAPTION_LINES * CAPTION * scale
     cell = (left - pad, top + pad - height, right + pad, top + pad)
     region, gap = _region(frame), GAP * scale

@@ -16,6 +16,16 @@ from markergen.registry import Registry
 B = TypeVar("B", bound=Body)
 
 
+LEAST_DPI, MOST_DPI = 10, 10_000
+"""Limits of the resolution: pixels of 2.54 mm, in which no dot is round, and of 2.54 um, finer than printers."""
+
+
+def check_dpi(dpi: float) -> None:
+    """Refuse a resolution in pixels per inch that is not between `LEAST_DPI` and `MOST_DPI`."""
+    if not LEAST_DPI <= dpi <= MOST_DPI:
+        raise InputError(f"a dpi of {LEAST_DPI} to {MOST_DPI}", f"dpi={dpi:g}", "use 300 or 600")
+
+
 @dataclass(frozen=True)
 class ExportOptions:
     """User options of an export.
@@ -27,7 +37,7 @@ class ExportOptions:
     net : bool
         True to draw the paper net of a rig's body instead of its faces one by one.
     dpi : int
-        Resolution of pixel formats.
+        Resolution of pixel formats, `LEAST_DPI` to `MOST_DPI`.
     fabrication : Fabrication
         Fabrication of solids.
     stem : str
@@ -39,6 +49,9 @@ class ExportOptions:
     dpi: int = 600
     fabrication: Fabrication = field(default_factory=Fabrication)
     stem: str = "marker"
+
+    def __post_init__(self) -> None:
+        check_dpi(self.dpi)
 
 
 @dataclass(frozen=True)

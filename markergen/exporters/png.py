@@ -18,7 +18,7 @@ from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions
+from markergen.exporters import ExportOptions, check_dpi
 from markergen.geometry.coverage import Runs, covered_runs, unit_disk
 
 Pixels = NDArray[np.uint8]
@@ -37,19 +37,16 @@ MOST_BYTES = 2e9
 """Maximum size of an image before compression, bytes."""
 MILLIMETERS_PER_INCH = 25.4
 """Printers' resolutions are in dots per inch."""
-LEAST_DPI, MOST_DPI = 10, 10_000
-"""Limits of the resolution: pixels of 2.54 mm, in which no dot is round, and of 2.54 um, finer than printers."""
 
 
 def check_image(options: ExportOptions) -> None:
-    """Reject an invalid resolution, or one that makes the image too large for the requested paper.
+    """Reject a resolution that makes the image too large for the requested paper.
 
     Raises
     ------
     InputError
-        As for `pixels_per_meter` and `image_size`, or if the paper is unknown.
+        As for `image_size`, or if the paper is unknown.
     """
-    pixels_per_meter(options.dpi)
     if options.sheet.paper is not None:
         image_size(find_paper(options.sheet.paper, options.sheet.orientation), options.dpi)
 
@@ -99,8 +96,7 @@ def pixels_per_meter(dpi: float) -> int:
     InputError
         If dpi is not between 10 and 10000.
     """
-    if not LEAST_DPI <= dpi <= MOST_DPI:
-        raise InputError(f"a dpi of {LEAST_DPI} to {MOST_DPI}", f"dpi={dpi:g}", "use 300 or 600")
+    check_dpi(dpi)
     return round(dpi / MILLIMETERS_PER_INCH * 1e3)
 
 

@@ -155,10 +155,12 @@ def check_exports(
     options: ExportOptions,
     spec: "Spec | None" = None,
     frame: str = "marker",
+    count: int = 1,
 ) -> None:
     """Reject invalid outputs before any work is done; raises as `save` does.
 
-    With a spec, also reject formats that cannot represent its marker or that need a missing library.
+    With a spec, also reject formats that cannot represent its marker or that need a missing library, and paper that is
+    too small for a number of such markers.
     """
     seen: set[Path] = set()
     for path in paths:
@@ -181,7 +183,7 @@ def check_exports(
             import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
-            _check_sheet(exporter, options, spec)
+            _check_sheet(exporter, options, spec, count)
 
 
 def holds_light(exporter: Exporter) -> bool:
@@ -189,9 +191,10 @@ def holds_light(exporter: Exporter) -> bool:
     return exporter.sheet or exporter.holds == "points"
 
 
-def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
+def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None", count: int) -> None:
     if spec is not None:
-        check_paper(spec.boundary, options.sheet, exporter.many_pages)  # A format of one page cannot hold tiles.
+        # A format of one page cannot hold tiles.
+        check_paper(spec.boundary, options.sheet, exporter.many_pages, count)
 
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:

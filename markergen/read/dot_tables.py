@@ -13,7 +13,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import Content, read, text_of
 from markergen.model.rescale import MeasuredDot
 from markergen.model.spec import MOST_POINTS
-from markergen.read.poses.rows import RowsFile
+from markergen.read.poses.rows import RowsFile, check_count
 from markergen.units import METERS, parse_length
 
 MOST_ROWS = 10_000
@@ -86,8 +86,7 @@ def _named(cells: Sequence[str]) -> dict[str, tuple[int, float]]:
 
 
 def _dot(cells: Sequence[str], columns: dict[str, tuple[int, float]], place: str) -> MeasuredDot:
-    if len(cells) != len(columns):
-        raise InputError(f"{len(columns)} values at {place}", str(len(cells)), "correct the line")
+    check_count(list(columns), cells, place)
     values = {}
     for name, (index, unit) in columns.items():
         try:
@@ -134,15 +133,19 @@ def read_layout(path: Any) -> Rows:
     used = [columns[axis] for axis in AXES if axis in columns]
     points = []
     for number, cells in body:
+        check_count(names, cells, f"line {number} of {content.name}")
         try:
             points.append([float(cells[index]) * unit for index, unit in used])
-        except (ValueError, IndexError):
+        except ValueError:
             place = f"line {number} of {content.name}"
             expected = f"numbers for {', '.join(columns)} at {place}"
             raise InputError(expected, brief(",".join(cells)), "correct it") from None
     # A flat marker's own table has z = 0.
     flat = len(used) == 3 and not any(row[2] for row in points)
-    return parsed_layout([row[:2] for row in points] if flat else points)
+    try:
+        return parsed_layout([row[:2] for row in points] if flat else points)
+    except ValueError as error:
+        raise InputError(f"a layout in {content.name}", f"{len(points)} rows", str(error)) from None
 
 
 def parsed_layout(value: object) -> Rows:

@@ -23,7 +23,7 @@ from markergen.guard import read
 from markergen.read.cameras.document import Document
 from markergen.read.images import SUFFIXES
 from markergen.read.poses.conventions import PoseConvention, column_of, plain_name, scale_of, stated, unit_of
-from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, TRANSLATION, RowsFile, numbers_of, records
+from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, TRANSLATION, RowsFile, check_count, numbers_of, records
 from markergen.read.remarks import remark
 from markergen.units import METERS
 
@@ -241,8 +241,7 @@ def _table(path: Path) -> _Table:
     if not body:
         raise InputError(f"at least one pose in {name}", "none", "check the file")
     for line, cells in body:
-        if len(cells) != len(names):
-            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
+        check_count(names, cells, file.place(line))
     return _Table(name, names, [cells for _, cells in body], [file.place(line) for line, _ in body], file.comments)
 
 

@@ -6,7 +6,6 @@ there twice, or one more that a program reads; other keys and comments are liste
 
 # tests: tests/verification/test_remade.py
 
-import csv
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +28,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
+from markergen.read.poses.rows import RowsFile
 from markergen.verification.reading import READERS, Settings
 from markergen.verification.result import Check
 from markergen.verification.solid_files import read_solid
@@ -113,13 +113,8 @@ Parser = Callable[[str, str], Tree]
 def _table(text: str, name: str) -> Tree:
     """Rows of a table by the id of their dot."""
     tree = Tree(comments=_comments(text))
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    header = lines[0] if lines else ""
-    separator = max(",;\t", key=header.count)
-    try:
-        columns, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)] or [[]]
-    except csv.Error as error:
-        raise InputError(f"a table in {name}", reason_of(error), "export it again") from None
+    table = RowsFile(name, text.encode()).table()
+    columns, *rows = [[cell.strip() for cell in row] for _, row in table] or [[]]
     tree.doubled += [column for column in set(columns) if columns.count(column) > 1]
     if not {"id", "x_m", "y_m", "z_m"} <= set(columns) or any(len(row) != len(columns) for row in rows):
         raise InputError(f"columns id, x_m, y_m and z_m in {name}", "others", "export it again")

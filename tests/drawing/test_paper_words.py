@@ -36,6 +36,15 @@ def test_too_small_paper_is_known_before_there_are_dots():
         check_paper(Circle(0.15), SheetOptions("A4", tile=False))
 
 
+def test_a_page_too_small_for_a_family_is_known_before_there_are_dots(make_ngon):
+    alone, options = make_ngon(5, 0.05, 0.012), SheetOptions("A4")
+    assert len(pages_for([alone] * 2, options)) == 1
+    check_paper(alone.boundary, options, many_pages=False, count=2)
+    check_paper(alone.boundary, options, count=3)
+    with pytest.raises(InputError, match=r"3 markers 100 mm across, found A4.* for 2"):
+        check_paper(alone.boundary, options, many_pages=False, count=3)
+
+
 @pytest.mark.parametrize("paper", sorted(PAPERS))
 @pytest.mark.parametrize("dot", [0.002, 0.03])
 def test_the_largest_disk_fits_and_no_larger_one(make_ngon, paper, dot):

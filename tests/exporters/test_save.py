@@ -130,8 +130,10 @@ def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_
 def test_a_dpi_beyond_reason_is_refused_before_any_work(tmp_path, dpi, paper, reason):
     with pytest.raises(InputError, match=reason):
         check_exports([tmp_path / "m.png"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
-    # Nothing else has pixels.
-    check_exports([tmp_path / "m.pdf"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
+
+
+def test_pixels_are_counted_where_there_are_any(tmp_path):
+    check_exports([tmp_path / "m.pdf"], ExportOptions(SheetOptions(paper="A0"), dpi=1200))
 
 
 @pytest.mark.parametrize("name", ["m.svg", "m.png"])

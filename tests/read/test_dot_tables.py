@@ -4,7 +4,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
-from markergen.read.dot_tables import read_measured
+from markergen.read.dot_tables import read_layout, read_measured
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +94,18 @@ def test_whatever_stands_in_it(path, changes):
     assert len(message.splitlines()) <= 1
     assert len(message) < 1000
     assert all(np.isfinite([dot.x, dot.y]).all() for dot in found)
+
+
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        ("x_mm;y_mm\n10,5;20,1\n", "decimal points at line 2 of .*dots.csv, found '10,5', perhaps with a dec"),
+        ('x_mm,y_mm\n"10,5","20,1"\n', "decimal comma"),
+        ("x_mm,y_mm\n10,5,20,1\n", "2 values at line 2 of .*dots.csv, found 4; write decimal points, not commas"),
+        ("x_mm,y_mm\n10.5,20.1\n", "a layout in .*dots.csv, found 1 rows"),
+    ],
+)
+def test_decimal_commas_are_named(path, rows, reason):
+    path.write_text(rows)
+    with pytest.raises(InputError, match=reason):
+        read_layout(path)

@@ -178,7 +178,7 @@ def test_tables_as_programs_write_them(write):
         (f"{QUATERNION}\n# c\n\n0,0,one,1,0,0,0\n", "numbers at line 4 of poses.txt, found 'one'"),
         (f"{QUATERNION}\n0,0,,1,0,0,0\n", "numbers at line 2 of poses.txt, found ''"),
         (f"{QUATERNION}\n0,0,1_0,1,0,0,0\n", "remove the _"),
-        ("tx;ty;tz;rx;ry;rz\n0;0;1,5;3;0;0\n", "numbers at line 2 of poses.txt, found '1,5'"),
+        ("tx;ty;tz;rx;ry;rz\n0;0;1,5;3;0;0\n", "decimal points at line 2 of poses.txt, found '1,5'"),
         (f"{QUATERNION}\n{GOOD}\n0,0,nan,1,0,0,0\n", "finite numbers at line 3 of poses.txt, found 0 0 nan"),
         (f"{QUATERNION}\n0,0,1,1,0,0,inf\n", "finite numbers at line 2 of poses.txt, found 1 0 0 inf"),
         (f"{QUATERNION}\n0,0,1e999,1,0,0,0\n", "finite numbers at line 2"),

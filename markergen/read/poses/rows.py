@@ -44,6 +44,8 @@ COMMENT = re.compile(rb"#|//|%\s")
 MOST_COMMENTS = 100
 """Maximum number of comments that are read for what they state."""
 
+DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+\s*")
+
 FEWEST = 3
 """A header has at least this many columns of a pose."""
 
@@ -156,16 +158,23 @@ class RowsFile:
         Words may be in double quotes.
         """
         delimiter = self.delimiter
-        if b'"' not in self.data:
-            yield from ((number, self.text(number, line).split(delimiter)) for number, line in self.lines())
-            return
+        quoted = b'"' in self.data
         for number, line in self.lines():
-            # Line by line, so that an unclosed quote ends with its line.
-            reader = csv.reader([self.text(number, line)], delimiter=delimiter or " ", skipinitialspace=True)
-            try:
-                yield number, next(reader)
-            except csv.Error as error:
-                raise InputError(f"a row at {self.place(number)}", str(error), "correct the line") from None
+            text = self.text(number, line)
+            words = self._quoted(number, text) if quoted else text.split(delimiter)
+            if quoted or delimiter != ",":
+                comma = next((word.strip() for word in words if DECIMAL_COMMA.fullmatch(word)), None)
+                if comma is not None:
+                    found = f"{brief(comma)}, perhaps with a decimal comma"
+                    raise InputError(f"numbers with decimal points at {self.place(number)}", found, "write them so")
+            yield number, words
+
+    def _quoted(self, number: int, text: str) -> list[str]:
+        """Words of a row, some in double quotes; an unclosed quote ends with its line."""
+        try:
+            return next(csv.reader([text], delimiter=self.delimiter or " ", skipinitialspace=True))
+        except csv.Error as error:
+            raise InputError(f"a row at {self.place(number)}", str(error), "correct the line") from None
 
     def text(self, number: int, line: bytes) -> str:
         """Decode a line."""
@@ -177,6 +186,13 @@ class RowsFile:
         except UnicodeDecodeError:
             expected = f"text at {self.place(number)}"
             raise InputError(expected, "bytes that are not UTF-8 text", "write the file as UTF-8") from None
+
+
+def check_count(names: Sequence[Any], words: Sequence[str], place: str) -> None:
+    """Refuse a row that has another number of words than there are columns."""
+    if len(words) != len(names):
+        commas = "write decimal points, not commas" if len(words) == 2 * len(names) else "correct the line"
+        raise InputError(f"{len(names)} values at {place}", str(len(words)), commas)
 
 
 def _is_number(word: str) -> bool:
@@ -232,8 +248,7 @@ def table_poses(file: RowsFile, names: Sequence[str], rows: Iterable[tuple[int, 
         raise InputError(f"one order of the quaternion in {file.name}", problem, "correct it")
     numbers, lines, has_marks = array("d"), array("l"), b"_" in file.data
     for line, cells in rows:
-        if len(cells) != len(names):
-            raise InputError(f"{len(names)} values at {file.place(line)}", str(len(cells)), "correct the line")
+        check_count(names, cells, file.place(line))
         picked = [cells[column] for column in columns]
         try:
             numbers.extend(map(float, picked))
