@@ -103,7 +103,9 @@ def holes_of(marker: Marker, fits: Mapping[str, str] = MappingProxyType({})) -> 
         for hole in marker.substrate.holes
     ]
     round_ = (contour.as_circle for contour in _drawn(marker))
-    rows += [(x + 0.0, y + 0.0, r, 0.0, "drawn", "") for x, y, r in filter(None, round_)]
+    # The circle of two arcs is known up to rounding, which would make holes of one drill several kinds.
+    circles = ([round(value, 6) + 0.0 for value in circle] for circle in round_ if circle)
+    rows += [(x, y, r, 0.0, "drawn", "") for x, y, r in circles]
     return tuple(PlateHole(f"H{number}", *row, fits.get(f"H{number}", "")) for number, row in enumerate(rows, 1))
 
 

@@ -118,6 +118,15 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     assert work.round
 
 
+def test_holes_of_one_drill_at_any_angle_have_one_callout():
+    angles = np.pi * np.arange(6) / 3
+    bolts = [circle(3.3, 90 * np.cos(angle), 90 * np.sin(angle)) for angle in angles]
+    work, _ = described(make(tag=False, outline=polygon_from([placed(each, 1e-3) for each in (circle(100), *bolts)])))
+    (drilled,) = [callout for callout in work.callouts if "\xd86.6" in callout.lines[0]]
+    assert drilled.lines[0] == "6x \xd86.6"
+    assert drilled.lines[-1] == "from [0\xb0], evenly spaced"
+
+
 def test_a_datum_among_evenly_spaced_holes_leaves_their_angles():
     marker = make(tag=False)
     work, _ = described(replace(marker, substrate=Substrate(0.005, holes=parse_mount("4xM3@60mm"))))
