@@ -81,9 +81,11 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     except (InputError, OutputError) as error:
         problem = Finding("no dots", f"another marker: this one cannot be made: {error}")
         return Check("", kind, findings=(problem,), tolerance=tolerance)
-    if (thicker := _as_thick(body, solid, choices[0], 1e3 * tolerance)) is not None:
+    # With a thicker plate, the nearest in volume may be of another process.
+    thicker = filter(None, (_as_thick(body, solid, wanted, 1e3 * tolerance) for wanted in choices))
+    if (marker := next(thicker, None)) is not None:
         with suppress(InputError, OutputError):
-            choices = [*best(thicker), *choices]
+            choices = [*best(marker), *choices]
     if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
         solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
@@ -108,6 +110,10 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     if wanted.body != body:
         thickness, usual = (1e3 * design.plates[0].marker.substrate.thickness for design in (wanted.body, body))
         notes.append(f"the plate is {thickness:.5g} mm thick, where marker.json says {usual:.6g} mm")
+    elif {finding.kind for finding in check.findings} & {"hole", "outline", "extra"}:
+        notes.append(
+            "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
+        )
     # The kernel's checks depend on the unit.
     flaws = (
         []

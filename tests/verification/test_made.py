@@ -275,12 +275,21 @@ def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     assert any(damage.phrase in text for text in sentences), check.findings
 
 
-def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path):
-    """`export --thickness` makes such a plate."""
-    thinner = replace(marker, substrate=replace(marker.substrate, thickness=0.003))
-    check = verify(marker, written(tmp_path / "a.stl", parts(thinner, FABRICATION, ".stl")))
+@pytest.mark.parametrize("thickness", [3, 8, 20])
+def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path, thickness):
+    """`export --thickness` makes such a plate, whose volume may be nearer to that of another process."""
+    other = replace(marker, substrate=replace(marker.substrate, thickness=thickness / 1e3))
+    check = verify(marker, written(tmp_path / "a.stl", parts(other, FABRICATION, ".stl")))
     assert check.passed
-    assert sentence("plate thickness", "3 mm", "4 mm") in check.notes
+    assert sentence("plate thickness", f"{thickness} mm", "4 mm") in check.notes
+
+
+def test_options_of_a_plate_that_verify_lacks_are_asked_for(marker, parts, tmp_path):
+    other = replace(marker, substrate=replace(marker.substrate, chamfer=0.001))
+    path = written(tmp_path / "a.stl", parts(other, FABRICATION, ".stl"))
+    assert not verify(marker, path).passed
+    assert any("--chamfer" in note for note in verify(marker, path).notes)
+    assert verify(other, path).passed
 
 
 @pytest.mark.parametrize("suffix", EVERY)
