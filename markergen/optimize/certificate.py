@@ -219,11 +219,11 @@ class Room:
     Attributes
     ----------
     objective : TraceObjective
-        Gives their information, in the plate's frame.
+        Gives their information, in the plate's frame, for the poses that may see a dot of the room.
     points : array (n, 2), m
     seen : array (P,) of bool or None
-        Poses that may see a dot of the room; None for all.
-    offset : array (P, 3) or None
+        These poses among all of the body; None for all.
+    offset : array (p, 3) or None
         Vectors in m from the body's origin to the plate's, camera frame; None if they are the same.
     """
 
@@ -234,14 +234,7 @@ class Room:
     offset: Array | None = None
 
     def information(self, places: Array) -> Array:
-        """Information (C, P, k, k) on the body's pose of dots at places (C, 2)."""
-        if self.seen is None:
-            return self._information(places)
-        # A pose that sees no dot of the room may be in its plane or behind it.
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return np.where(self.seen[:, None, None], self._information(places), 0.0)
-
-    def _information(self, places: Array) -> Array:
+        """Information (C, p, k, k) on the body's pose of dots at places (C, 2)."""
         matrices = self.objective.information(places[:, None])[0]
         return matrices if self.offset is None else moved_information(matrices, -self.offset)
 
@@ -268,7 +261,7 @@ class _Fields:
     """Chebyshev interpolation of the information matrices of a dot as functions of its place.
 
     A sensitivity is a vector (P T,): its product with the packed matrices of a place, T = k (k + 1) / 2 entries each,
-    is s at that place.
+    is s at that place. Computed are only the entries of the p poses that see the room; the others are 0.
     """
 
     def __init__(self, room: Room, degree: int) -> None:
@@ -279,6 +272,8 @@ class _Fields:
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
         self.half = np.maximum(np.ptp(corners, axis=0) / 2 - region.inset, 0.0) + 1e-6 * region.boundary.radius
         self._upper = np.triu_indices(objective.weight.shape[-1])
+        seen = np.ones(len(objective.setting.poses), dtype=bool) if room.seen is None else room.seen
+        self._seen = np.repeat(seen, len(self._upper[0]))
         self._shape = degree + 1, degree + 1
         self._coefficients = self._interpolated(degree, self._packed)
         self._places = region.boundary.sample(TESTED, region.inset, np.random.default_rng(0))
@@ -299,13 +294,13 @@ class _Fields:
         return np.asarray(np.tensordot(once, inverse, (1, 1)).transpose(0, 2, 1).reshape(len(grid), -1))
 
     def _depths(self, places: Array) -> Array:
-        """z^4 (C, P T) of places (C, 2) in m, for each entry of the packed matrices."""
+        """z^4 (C, p T) of places (C, 2) in m, for each entry of the packed matrices."""
         poses = self.objective.setting.poses
         depth = places @ poses.rotation[:, 2, :2].T + poses.translation[:, 2]
         return np.repeat(depth**RATIONAL, len(self._upper[0]), axis=1)
 
     def _packed(self, places: Array) -> Array:
-        """Information matrices (C, P T) of dots at places (C, 2), their entries on and above the diagonal."""
+        """Information matrices (C, p T) of dots at places (C, 2), their entries on and above the diagonal."""
         parts = [self.room.information(part) for part in np.array_split(places, len(places) // 16 + 1)]
         i, j = self._upper
         return np.concatenate(parts)[..., i, j].reshape(len(places), -1)
@@ -322,21 +317,23 @@ class _Fields:
 
     def information(self, moments: Array) -> Array:
         """Packed matrices (P T,) of a measure with moments (d + 1, d + 1), sums of products of the basis."""
-        return np.asarray(moments.ravel() @ self._coefficients)
+        packed = np.zeros(len(self._seen))
+        packed[self._seen] = moments.ravel() @ self._coefficients
+        return packed
 
     def polynomial(self, sensitivity: Array) -> Array:
         """Chebyshev coefficients (d + 1, d + 1) of a sensitivity as a function of the place."""
-        return (self._coefficients @ sensitivity).reshape(self._shape)
+        return (self._coefficients @ sensitivity[self._seen]).reshape(self._shape)
 
     def error(self, sensitivity: Array) -> float:
         """Bound of the error of `polynomial`: proven, or ten times the largest error at random places of the room."""
         if not self.proven:
             x, y = self.basis(self._places)
             interpolated = np.sum(x @ self.polynomial(sensitivity) * y, axis=1)
-            return 10 * float(np.abs(interpolated - self._exact @ sensitivity).max())
+            return 10 * float(np.abs(interpolated - self._exact @ sensitivity[self._seen]).max())
         poses, rho = self.objective.setting.poses, ELLIPSES[:, None]
         entries = len(self._upper[0])
-        numerators = self._numerators * sensitivity
+        numerators = self._numerators * sensitivity[self._seen]
         c = np.abs(numerators.reshape(len(numerators), -1, entries).sum(axis=-1))
         powers = rho ** np.arange(RATIONAL + 1)
         t = (powers + 1 / powers) / 2

@@ -86,7 +86,7 @@ FIRST, CHILDREN, PARENTS, GENERATIONS = 256, 96, 8, 16
 """Numbers of layouts tried at first and in each generation, of those that are varied, and of generations."""
 
 LARGEST, SMALLEST = 0.4, 0.003
-"""Steps of the first and the last generation, in radii of the boundary."""
+"""Steps at first and of the last generation, in radii of the boundary."""
 
 PARTLY = 2.0
 """How much a distance counts that leaves out a dot."""
@@ -439,6 +439,7 @@ def distinct_layout(
     others: list[Array],
     distance: float,
     rng: np.random.Generator,
+    largest: float = LARGEST,
 ) -> Array:
     """Find a layout (n, 2) that minimizes an objective, at least a distance from others and from itself relabeled.
 
@@ -454,6 +455,8 @@ def distinct_layout(
         Smallest `affine_distance` in m, and `PARTLY` times the smallest `partial_distance`.
 
         If no layout has it, the one that lacks least is returned.
+    largest : float
+        Largest step, in radii of the boundary: the smaller, the fewer layouts are tried.
     """
     scale, n = region.boundary.radius, len(start)
 
@@ -462,21 +465,24 @@ def distinct_layout(
         every += [PARTLY * partial_distance(layouts, rival) for rival in others]
         return np.min(every, axis=0)
 
-    steps = rng.choice(np.geomspace(0.02, LARGEST, 12), size=FIRST)[:, None, None] * scale
-    mirrored = np.where(rng.random(FIRST)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
-    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(FIRST, n, 2))])
-    pool = np.concatenate([pool, region.sample(FIRST // 4, n, rng)])
+    count = round(FIRST * largest / LARGEST)
+    steps = rng.choice(np.geomspace(0.02, largest, 12), size=count)[:, None, None] * scale
+    mirrored = np.where(rng.random(count)[:, None, None] < 0.5, np.array([-1.0, 1.0]), 1.0)
+    pool = np.concatenate([start[None], start * mirrored + steps * rng.normal(size=(count, n, 2))])
+    pool = np.concatenate([pool, region.sample(count // 4, n, rng)])
     # The ring at each of the dots.
     pool = np.concatenate([pool, [np.roll(start, places, axis=0) for places in range(1, n)]])
     best, rank = _ranked(pool, region, rough, apart, distance)
-    sizes = np.geomspace(LARGEST / 2, SMALLEST, GENERATIONS) * scale
+    generations = round(GENERATIONS * np.log(largest / 2 / SMALLEST) / np.log(LARGEST / 2 / SMALLEST))
+    sizes = np.geomspace(largest / 2, SMALLEST, generations) * scale
     for size in sizes:
         end_if_due()
         parents = best[np.arange(CHILDREN) % len(best)]
         # Half of the children move one dot only.
         moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
         children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
-        fresh, fresh_rank = _ranked(children, region, rough, apart, distance)
+        most = rank[-1, 0] if len(rank) == PARENTS else np.inf
+        fresh, fresh_rank = _ranked(children, region, rough, apart, distance, most)
         both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
         order = np.lexsort(ranks.T[::-1])[:PARENTS]
         best, rank = both[order], ranks[order]
@@ -487,13 +493,21 @@ def distinct_layout(
 
 
 def _ranked(
-    layouts: Array, region: FeasibleRegion, rough: Objective, apart: Callable[[Array], Array], distance: float
+    layouts: Array,
+    region: FeasibleRegion,
+    rough: Objective,
+    apart: Callable[[Array], Array],
+    distance: float,
+    most: float = np.inf,
 ) -> tuple[Array, Array]:
-    """Feasible layouts among some, the best `PARENTS`, with their ranks (k, 2): lack of distance, then the value."""
+    """Feasible layouts that lack `most` or less, the best `PARENTS`, with their ranks (k, 2): lack of distance, value.
+
+    Values take longer than distances: only those are computed that decide.
+    """
     layouts = region.project(layouts)
     layouts = layouts[region.holds(layouts)]
     lack = np.maximum(distance - apart(layouts), 0.0)
-    nearest = np.argsort(lack, kind="stable")[: max(4 * PARENTS, int((lack == 0).sum()))]
-    rank = np.stack([lack[nearest], rough(layouts[nearest])], axis=-1)
+    nearest = np.argsort(lack, kind="stable")[: min(max(PARENTS, (lack == 0).sum()), (lack <= most).sum())]
+    rank = np.stack([lack[nearest], rough(layouts[nearest]) if len(nearest) else np.zeros(0)], axis=-1)
     order = np.lexsort(rank.T[::-1])[:PARENTS]
     return layouts[nearest[order]], rank[order]

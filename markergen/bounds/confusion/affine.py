@@ -21,6 +21,7 @@ from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.perspective import (
     ANGLES_OF_MANY,
     MANY,
+    NEAR,
     REPRESENTATIVE,
     REPRESENTATIVE_OF_MANY,
     find_rivals,
@@ -69,9 +70,7 @@ def self_distance(layouts: Array) -> Array:
     """D (B,) in m of layouts (B, n, 2) to themselves with disks exchanged; inf for more than `ENUMERATED` dots."""
     if layouts.shape[1] > ENUMERATED:
         return np.full(len(layouts), np.inf)
-    return _least(
-        layouts, np.stack([_orthonormal(layout) for layout in layouts]), _labelings(layouts.shape[1], True)[1:]
-    )
+    return _least(layouts, _orthonormal(layouts), _labelings(layouts.shape[1], True)[1:])
 
 
 def _least(layouts: Array, basis: Array, labelings: Indices, partly: bool = False) -> Array:
@@ -131,11 +130,11 @@ def _nearest_distance(layouts: Array, other: Array) -> Array:
 
 
 def _orthonormal(points: Array) -> Array:
-    """Coordinates (n, 2) of points in their own axes, orthonormal as columns, not mirrored."""
-    centered = points - points.mean(axis=0)
-    values, vectors = np.linalg.eigh(centered.T @ centered)
-    scale = 1 / np.sqrt(np.maximum(values, 1e-12 * values[1] + 1e-300))
-    return np.asarray(centered @ (vectors * scale) @ vectors.T)
+    """Coordinates (..., n, 2) of points in their own axes, orthonormal as columns, not mirrored."""
+    centered = points - points.mean(axis=-2, keepdims=True)
+    values, vectors = np.linalg.eigh(centered.swapaxes(-1, -2) @ centered)
+    scale = 1 / np.sqrt(np.maximum(values, 1e-12 * values[..., 1:] + 1e-300))
+    return np.asarray(centered @ (vectors * scale[..., None, :]) @ vectors.swapaxes(-1, -2))
 
 
 @cache
@@ -193,4 +192,6 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
     best = np.argsort(left, axis=-1, kind="stable")[:, :FITTED]
     # The image of dot j is that of the other plate's dot s(j).
     taken = np.argsort(labelings, axis=-1)[best].reshape(-1, n)
-    return float(scene.fit(taken, np.repeat(at, best.shape[1])).px.min(initial=np.inf))
+    rivals = scene.fit(taken, np.repeat(at, best.shape[1]), rough=True)
+    nearest = rivals.take(np.flatnonzero(rivals.px <= NEAR * rivals.px.min(initial=np.inf)))
+    return float(scene.refit(nearest).px.min(initial=np.inf))
