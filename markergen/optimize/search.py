@@ -206,13 +206,8 @@ class Stages:
         return optimum
 
     def best_so_far(self) -> Optimum:
-        """Return the best of all layouts that were polished and of the regular ones, or a packed one."""
-        layouts = [points for points, _ in best_of(self.ends, LIKELY)]
-        # Regular layouts of many dots take seconds.
-        if "regular" in vars(self) or self.n <= ALL_PAIRS_UP_TO:
-            layouts += [*self.regular[0]]
-        if not layouts and (packed := fitting(self.region, self.n)) is not None:
-            layouts = [packed]
+        """Return the best of all layouts that were polished and of the regular ones; its value is inf if none fits."""
+        layouts = [*(points for points, _ in best_of(self.ends, LIKELY)), *self.regular[0]]
         candidates = [(points, float(self.objective(points[None])[0])) for points in layouts]
         return Optimum(*min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf)))
 

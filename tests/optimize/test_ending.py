@@ -12,6 +12,7 @@ from markergen.model.boundary import Circle, polygon_from
 from markergen.model.poses import named_poses
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.ending import Ended, Limit, current_limit, end_if_due, is_due, limited
+from markergen.optimize.layouts import regular_layouts
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import search
 from markergen.units import parse_duration
@@ -47,6 +48,15 @@ def test_an_interrupted_search_returns_a_feasible_layout(room, seconds, setting)
     assert limit.ended or monotonic() < limit.at
     assert region.holds(optimum.points[None]).all()
     assert optimum.value == pytest.approx(objective(optimum.points[None])[0])
+
+
+def test_many_dots_are_at_once_as_good_as_the_best_regular_layout(setting):
+    region = FeasibleRegion(Circle(0.15), 0.012, 0.0012)
+    objective = OBJECTIVES["pose"](Setting(region.boundary, setting.camera, named_poses("cone:count=48")))
+    with limited(Limit(asked=True)):
+        optimum = search(objective, region, 60, np.random.default_rng(0))
+    layouts, _ = regular_layouts(region, 60)
+    assert optimum.value == pytest.approx(objective(layouts).min())
 
 
 def test_what_is_found_in_a_given_time_is_marked(tmp_path):
