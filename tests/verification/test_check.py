@@ -25,8 +25,14 @@ DPI = 300
 NAMES = ("4", "5", "5 alike", "5 skew", "12", "L", "L alike")
 SUFFIXES = (".svg", ".pdf", ".dxf", ".png")
 SOME = ("5 alike", "12", "L alike")
-FILES = [(name, suffix) for name in NAMES for suffix in SUFFIXES if suffix == ".svg" or name in SOME]
-"""Of all markers the files that are read fastest, and of three every file."""
+
+
+def case(name, suffix, *more):
+    """In the core are of all markers the files that are read fastest, and of three every file."""
+    return pytest.param(name, suffix, *more, marks=() if suffix == ".pdf" or name in SOME else pytest.mark.long)
+
+
+FILES = [case(name, suffix) for name in NAMES for suffix in SUFFIXES]
 OTHERS = [("4", "5"), ("5", "5 skew"), ("5 skew", "L"), ("L", "12"), ("12", "L alike"), ("4", "L alike")]
 # How exactly our own files are read; what is allowed is 20 um, and a quarter of a pixel at 300 dpi.
 LIMIT = {".svg": 1e-6, ".pdf": 1e-6, ".dxf": 1e-6, ".png": 2e-5}
@@ -53,8 +59,7 @@ def kinds(check):
     return [finding.kind for finding in check.findings]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "suffix"), FILES)
 def test_what_was_exported_is_right(markers, files, name, suffix):
     check = verify(markers[name], files(name, suffix))
     assert check.passed, check.findings
@@ -81,7 +86,7 @@ def test_neighbors_in_a_crowd_of_pixels_do_not_spoil_each_other(make_marker, tmp
     assert check.largest < (0.3e-6 if share * 12 / 25.4 * dpi > 4 else check.tolerance / 3)
 
 
-@pytest.mark.parametrize("dpi", [100, 150, 300])
+@pytest.mark.parametrize("dpi", [100, 150, pytest.param(300, marks=pytest.mark.long)])
 def test_a_tag_as_large_as_the_dots_is_no_dot(make_ngon, tmp_path, dpi):
     marker = make_ngon(6, 0.09, 0.036)
     for side in (0.028, 0.03, 0.036):
@@ -139,13 +144,18 @@ SCALES = [
 ]
 
 
-# All scales of some markers, and one of all.
-@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
-    ("name", "x", "y", "expected"),
-    [(name, *scale) for name in NAMES for scale in (SCALES if name == "5 alike" else SCALES[:1])],
+    ("name", "suffix", "scale"),
+    # All scales of some markers, and one of all.
+    [
+        case(name, suffix, scale)
+        for name in NAMES
+        for scale in (SCALES if name == "5 alike" else SCALES[:1])
+        for suffix in SUFFIXES
+    ],
 )
-def test_a_scale_is_found_and_named(spoiled, name, suffix, x, y, expected):
+def test_a_scale_is_found_and_named(spoiled, name, suffix, scale):
+    x, y, expected = scale
     check = spoiled(name, suffix, "scaled", x, y)
     assert not check.passed
     assert "scaled" in kinds(check)
@@ -173,7 +183,11 @@ def test_a_missing_dot_is_named(markers, spoiled, name, suffix):
 
 @pytest.mark.parametrize(
     ("name", "other", "suffix"),
-    [(*pair, suffix) for pair in OTHERS for suffix in SUFFIXES if suffix == ".svg" or pair in OTHERS[1::2]],
+    [
+        pytest.param(*pair, suffix, marks=() if suffix == ".pdf" or pair in OTHERS[1::2] else pytest.mark.long)
+        for pair in OTHERS
+        for suffix in SUFFIXES
+    ],
 )
 def test_another_marker_is_named(markers, files, name, other, suffix):
     check = verify(markers[name], files(other, suffix))
@@ -187,8 +201,9 @@ def edited(marker, **changes):
     return replace(marker, control_points=tuple(points))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", ["4", "5", "12", "L alike"])
+@pytest.mark.parametrize(
+    ("name", "suffix"), [case(name, suffix) for name in ("4", "5", "12", "L alike") for suffix in SUFFIXES]
+)
 def test_a_dot_out_of_place_is_named(markers, tmp_path, name, suffix):
     marker = markers[name]
     path = tmp_path / f"moved{suffix}"
