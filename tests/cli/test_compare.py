@@ -16,12 +16,13 @@ def here(tmp_path, monkeypatch, pentagon):
 
 
 def test_tables_json_and_picture(here, capsys):
-    arguments = ["compare", "marker.json", "square", "aruco:DICT_4X4_50:7", "--views", "3", "--workers", "1"]
+    arguments = ["compare", "marker.json", "square", "aruco:DICT_4X4_50:7", "--views", "2", "--workers", "1"]
+    arguments += ["--poses", "cone:distance=1.3..1.5m,count=20"]
     assert main([*arguments, "--json", "c.json", "--plot", "c.svg"]) == 0
     said = capsys.readouterr().out
     for words in ("marker.json", "square", "aruco:DICT_4X4_50:7", "ratio", "wrote c.json", "wrote c.svg"):
         assert words in said
-    assert json.loads((here / "c.json").read_text())["views"]["count"] == 3
+    assert json.loads((here / "c.json").read_text())["views"]["count"] == 2
     assert "<svg" in (here / "c.svg").read_text()
     assert main([*arguments, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["contestants"][2]["name"] == "aruco:DICT_4X4_50:7"

@@ -19,7 +19,7 @@ from markergen.render import Optics, render_view
 FEW = "cone:distance=0.4..0.6m,tilt=0..40,count=6"
 COMMANDS = {
     "calibrate": "m.json photos --camera camera.yaml -o back.json",
-    "compare": "m.json square --views 2 --workers 1",
+    "compare": "m.json square --views 2 --workers 1 --poses cone:distance=1.3..1.5m,count=6",
     "design": f"--n 4 --radius 60mm --dot 20mm --restarts 1 --poses {FEW} -o new.pdf",
     "detect": "photos --marker m.json --overlay seen",
     "doctor": "",
@@ -31,7 +31,7 @@ COMMANDS = {
     "study": "sweep.toml -o swept --runs 0 --workers 1",
     "templates": "",
     "validate": "m.json --runs 2 --views 0",
-    "verify": "m.json m.svg",
+    "verify": "m.json m.pdf",
 }
 """Words of each command that has results."""
 
@@ -62,7 +62,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     marker = mg.design(n=5, radius="60mm", dot="20mm", restarts=1, poses=FEW).marker
     camera, rng = Camera(400, 300, 500.0, 500.0, 199.5, 149.5), np.random.default_rng(0)
-    marker.save(folder / "m.json", folder / "m.svg")
+    marker.save(folder / "m.json", folder / "m.pdf")
     camera.save(folder / "camera.yaml")
     (folder / "sweep.toml").write_text(SWEEP)
     (folder / "photos").mkdir()
