@@ -97,6 +97,8 @@ class _Shapes:
     def add(self, placed: PlacedEntity, document: "Document", file: OutlineFile) -> None:
         """Take an entity."""
         entity, layer, kind = placed.entity, placed.layer, placed.kind
+        # Programs take names of layers in any case.
+        layer = layer.upper() if layer.upper() in LAYERS else layer
         entry = document.layers.get(layer) if layer in document.layers else None
         if entity.dxf.get("invisible", 0) or entity.dxf.get("paperspace", 0):
             self.hidden.add("an entity is invisible")
@@ -122,6 +124,8 @@ class _Shapes:
         if layer in MADE and np.abs(points[:, 2]).max() > LEVEL:
             self.unread[f"the {kind} outside of the plane on the layer {layer}"] = None
         flat = points[:, :2]
+        # Splines, and polylines of many programs, end where they begin without a flag.
+        closed = closed or bool(np.linalg.norm(flat[0] - flat[-1]) < LEVEL)
         ring = np.concatenate([flat, flat[:1]]) if closed else flat
         circle = _circle(curves, flat) if closed or kind in ("ARC", "ELLIPSE") else None
         if circle is not None:

@@ -116,10 +116,10 @@ def judge(
     worst = int(np.argmax(distance))
     names = [ids[k] for k in here]
     findings = [Finding("mirrored", "mirrored", MIRRORED)] if labels.mirror else []
-    factor = 1.0
+    factor, bent = 1.0, BENT
     if is_scaled:
         turned, by, moved = scaled_motion(source[agreed], matched.centers[agreed], labels.mirror)
-        factor = float(np.sqrt(by[0] * by[1]))
+        factor, bent = float(np.sqrt(by[0] * by[1])), BENT + float(np.ptp(by)) / 2
         findings.append(scale_finding(float(by[0]), float(by[1]), np.ptp(source, axis=0) / 2, tol, pixels))
         off = ((matched.centers - moved) @ turned) / by - source
     apart = np.linalg.norm(off, axis=-1)
@@ -135,7 +135,7 @@ def judge(
         findings.append(Finding("another marker", sentence))
     findings += _off(names, off, apart, tol)
     findings += _absent(ids, labels)
-    findings += _features(names, matched, expected.take(here), factor, tol, DIAMETER[pixels])
+    findings += _features(names, matched, expected.take(here), factor, bent, tol, DIAMETER[pixels])
     return Verdict(
         distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, translation), labels.indices[here],
         tuple(names),
@@ -218,8 +218,15 @@ def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Ma
     scalable = len(source) >= 4
     worst = [_away(source, target, everything, mirror, is_scaled).max() for is_scaled in (False, True)[: 1 + scalable]]
     for is_scaled, off in enumerate(worst):
-        if off <= tol:
-            return everything, scales(everything), bool(is_scaled)
+        if off > tol:
+            continue
+        rigid = _consensus(source, target, mirror, tol, False) if is_scaled else everything
+        # A scale that explains a single dot leaves the others farther off than they are without it.
+        if 2 * rigid.sum() > len(source) and is_scaled:
+            agreed = _away(source, target, rigid, mirror, False)[rigid].max()
+            if rigid.sum() >= 3 and agreed < off / 4:
+                return rigid, scales(rigid), False
+        return everything, scales(everything), bool(is_scaled)
     rigid, scaled = (_consensus(source, target, mirror, tol, is_scaled) for is_scaled in (False, True))
     if scaled.sum() >= 4 and 2 * scaled.sum() > len(source) and scaled.sum() > rigid.sum():
         return scaled, scales(scaled), True
@@ -292,7 +299,7 @@ def _absent(ids: list[int], labels: Match) -> list[Finding]:
 
 
 def _features(
-    names: list[int], dots: DotSet, expected: DotSet, factor: float, tol: float, share: float
+    names: list[int], dots: DotSet, expected: DotSet, factor: float, bent: float, tol: float, share: float
 ) -> list[Finding]:
     """Findings about diameters, kinds, shapes, heights, and off-center circles of a dot."""
     findings = []
@@ -319,7 +326,7 @@ def _features(
         for k in wrong[:MOST_LISTED]:
             sentence = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
             findings.append(Finding("diameter", sentence))
-    for k in np.flatnonzero(dots.rough > share * tol / 2 + BENT * dots.radii)[:MOST_LISTED]:
+    for k in np.flatnonzero(dots.rough > share * tol / 2 + bent * dots.radii)[:MOST_LISTED]:
         sentence = f"dot {names[k]} is not round: its edge is up to {short_length(dots.rough[k])} off its circle"
         findings.append(Finding("diameter", sentence, ROUND))
     for k in np.flatnonzero(dots.spread > tol)[:MOST_LISTED]:

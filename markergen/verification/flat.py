@@ -30,7 +30,7 @@ from markergen.verification.lines import (
     strays,
 )
 from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
-from markergen.verification.picture import PagePicture
+from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.printed import printed_findings
 from markergen.verification.reading import Page
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids
@@ -297,8 +297,11 @@ ALIKE = 0.85
 STRANGE = 0.3
 """Minimum difference from the ink, or from the paper, of what covers it, as a share of the contrast."""
 
-COVERED, INKED = 0.025, 0.003
-"""Maximum share of a dot, and of its quiet zone, that may be strange: rounding of pixels."""
+COVERED, INKED = {False: 0.003, True: 0.025}, 0.003
+"""Maximum share of a dot, by whether it was measured in pixels, and of its quiet zone that may be strange: rounding."""
+
+TINT = 16.0
+"""Difference in grey levels of paper from white, in a file of paths, below which it is not filled."""
 
 STROKE = 0.15
 """Share of a dot that a white stroke may cover; what covers more is something else."""
@@ -350,7 +353,8 @@ def shown_findings(
     on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)
     hole = _spread(dots.centers, 0 * inner, np.maximum(dots.inner - edge, 0.1 * dots.inner))
     ink, paper, middle = (picture.sample(sites.reshape(-1, 2)).reshape(len(dots), -1) for sites in (on, off, hole))
-    hidden = np.isnan(ink).mean(axis=1) > COVERED
+    covered_most = COVERED[picture.measured]
+    hidden = np.isnan(ink).mean(axis=1) > COVERED[True]
     findings = _cut_off([name for name, is_ in zip(names, hidden, strict=True) if is_])
     # There may be a fine cross in the middle of the marker.
     ink[(np.abs((on - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
@@ -373,6 +377,10 @@ def shown_findings(
     contrast_findings, notes, good = _contrasts(ground - level, [names[k] for k in visible.tolist()], picture)
     unexplained[visible[np.abs(ground - level) < ALIKE * np.abs(ground - level).max()]] = False
     findings += contrast_findings
+    filled = WHITE - picture.paper > TINT and not picture.measured
+    if filled and not any(finding.kind == "inverted" for finding in contrast_findings):
+        sentence = f"the page is filled: its paper has the grey level {picture.paper:.0f} of 255"
+        findings.append(Finding("extra", sentence, "remove what is drawn over the whole page"))
     middle[(np.abs((hole - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
     for place in np.flatnonzero(good):
         k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
@@ -383,8 +391,8 @@ def shown_findings(
             if picture.measured or not is_found[k] or dots.rough[k] > tolerance + BENT * dots.radii[k]
             else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
         )
-        most = STROKE if stroked else COVERED
-        if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > COVERED:
+        most = STROKE if stroked else covered_most
+        if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > covered_most:
             findings.append(Finding("kind", f"the middle of ring {names[k]} shows ink", "draw it as a ring"))
         more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
         covered = any(finding.kind == "covered" for finding in more)
@@ -458,14 +466,14 @@ def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple
 def _covers(
     name: int, ink: Array, paper: Array, places: Array, levels: tuple[float, float], most: float
 ) -> list[Finding]:
-    """Findings about what covers more than a share of a dot, and what is printed in its quiet zone, at `places`."""
+    """Findings about what covers more than a share `most` of a dot, or is in its quiet zone, at `places`."""
     level, ground = levels
     step = STRANGE * abs(ground - level)
     findings = []
     seen = ink[np.isfinite(ink)]
     share = float((np.abs(seen - level) > step).mean()) if len(seen) else 0.0
     if share > most:
-        sentence = f"{100 * share:.0f} % of dot {name} is covered or missing"
+        sentence = f"{100 * share:.2g} % of dot {name} is covered or missing"
         findings.append(Finding("covered", sentence, "remove what is drawn over it"))
     inked = np.abs(np.nan_to_num(paper - ground)) > step
     if inked.mean() > INKED:
@@ -487,7 +495,7 @@ def lines_hidden(points: Array, picture: PagePicture) -> bool:
 def _edges(
     name: int, dot: DotSet, picture: PagePicture, levels: tuple[float, float], tolerance: float
 ) -> list[Finding]:
-    """Finding about a dot whose edge shows elsewhere than its outline is: it has a stroke."""
+    """Finding about a dot whose edge shows elsewhere than its outline is, as with a stroke."""
     radius, center = float(dot.radii[0]), dot.centers[0]
     width = min(max(4 * picture.grain, ACROSS), 0.18 * radius)
     if width < 3 * picture.grain:
@@ -503,4 +511,4 @@ def _edges(
     if abs(edge_radius - radius) <= max(tolerance, 0.12 * picture.grain):
         return []
     sentence = f"dot {name} shows with a diameter of {2 * edge_radius:.4g} mm, not {2 * radius:.6g} mm"
-    return [Finding("diameter", f"{sentence}: it has a stroke", "remove the stroke")]
+    return [Finding("diameter", f"{sentence}: its edge has a stroke, or is blurred or covered", "remove what is there")]

@@ -82,7 +82,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         grey = in_child(PARSER, "render", Content(name, file.data), "SVG", wanted).arrays["picture"]
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
         if drawing.scale is None:
-            raise InputError(f"a width and height with units in {name}", "none", "save it with its size in mm")
+            width = brief(parse_svg(file).get("width") or "none")
+            raise InputError(f"a width and height with units in {name}", width, "save it with its size in mm")
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
         circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0

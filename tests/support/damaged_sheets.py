@@ -74,6 +74,18 @@ SVG = {
     "ellipse": (
         on_dot(lambda dot, x, y: f'<ellipse cx="{x}" cy="{y}" rx="6.03" ry="5.97"/>'), "diameter", "dot 2 is not round"
     ),
+    "line across a dot": (
+        on_dot(lambda dot, x, y: dot + f'<path d="M{x - 7} {y}h14" stroke="#fff" stroke-width="0.2"/>'),
+        "covered", "% of dot 2 is covered",
+    ),
+    "hole in a dot": (
+        on_dot(lambda dot, x, y: dot + f'<circle cx="{x + 2}" cy="{y}" r="0.5" fill="#fff"/>'),
+        "covered", "% of dot 2 is covered",
+    ),
+    "page filled": (
+        lambda text: text.replace('height="210" fill="#ffffff"', 'height="210" fill="#aaaaaa"'),
+        "extra", "the page is filled",
+    ),
     "polygon": (
         on_dot(lambda dot, x, y: f'<polygon points="{corners(x, y)}"/>'), "diameter", "its edge is up to 0.0513"
     ),
@@ -165,8 +177,8 @@ PDF = {
     "white": (filled(255), "pale", "dot 2 is invisible"),
     "grey": (filled(128), "pale", "dot 2 is grey: 50 %"),
     "covered": (pages(under_a_box), "pale", "dot 2 is invisible"),
-    "stroke": (stroked(0.5), "diameter", "12.5 mm, not 12 mm: it has a stroke"),
-    "fine stroke": (stroked(0.1), "diameter", "12.1 mm, not 12 mm: it has a stroke"),
+    "stroke": (stroked(0.5), "diameter", "12.5 mm, not 12 mm: its edge has a stroke"),
+    "fine stroke": (stroked(0.1), "diameter", "12.1 mm, not 12 mm: its edge has a stroke"),
     "ellipse": (pages(stretched), "diameter", "dot 2 is not round"),
     "dots off": (group_off(b"dots"), "hidden", "no dot shows: their layer is switched off"),
     "tag off": (group_off(b"tag"), "tag", "does not show"),
@@ -238,6 +250,10 @@ def invisible(document, space):
     circles(space, "ENGRAVE", 6)[2].dxf.invisible = 1
 
 
+def a_little_off(document, space):
+    circles(space, "ENGRAVE", 6)[1].translate(0.03, 0, 0)
+
+
 def oval(document, space):
     dot = circles(space, "ENGRAVE", 6)[2]
     space.add_ellipse(dot.dxf.center, (6.03, 0), 5.97 / 6.03, dxfattribs={"layer": "ENGRAVE"})
@@ -245,6 +261,7 @@ def oval(document, space):
 
 
 DXF = {
+    "a little off": (drawn(a_little_off), "shifted", "dot 1 is 0.03 mm off"),
     "ellipse": (drawn(oval), "diameter", "dot 2 is not round"),
     "word to cut": (drawn(word), "covered", "the 'TEXT' on the layer CUT is not read"),
     "invisible": (drawn(invisible), "hidden", "an entity is invisible"),

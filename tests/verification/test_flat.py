@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from damaged_sheets import DAMAGE, DPI, drawn, grey, pages
+from ezdxf.math import rational_bspline_from_arc
 
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.paper import SheetOptions
@@ -59,12 +60,26 @@ def below_the_marker(text):
     return text.decode().replace("</svg>", f"{label}</svg>").encode()
 
 
+def as_splines(document, space):
+    for circle in space.query("CIRCLE[layer=='ENGRAVE']"):
+        curve = rational_bspline_from_arc(circle.dxf.center, circle.dxf.radius, 0, 360)
+        space.add_spline(dxfattribs={"layer": "ENGRAVE"}).apply_construction_tool(curve)
+        space.delete_entity(circle)
+
+
+def in_lower_case(document, space):
+    for entity in space:
+        entity.dxf.layer = entity.dxf.layer.lower()
+
+
 CLEAN = {
     "label": (".svg", below_the_marker),
     "turned view": (".pdf", pages(lambda page: page.set_rotation(270))),
     "cropped margin": (".pdf", pages(lambda page: page.set_cropbox(20, 20, 400, 575))),
     "by PDFium": (".pdf", pages(lambda page: None)),
     "by ezdxf": (".dxf", drawn(lambda document, space: None)),
+    "splines": (".dxf", drawn(as_splines)),
+    "layers in lower case": (".dxf", drawn(in_lower_case)),
     "by OpenCV": (".png", grey(lambda levels: levels)),
 }
 
