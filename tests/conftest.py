@@ -174,6 +174,22 @@ def pentagon() -> Marker:
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the plots of a report of a validation out: they cost two seconds a page."""
+    from markergen.presentation import plots
+    from markergen.validation import report
+    from markergen.validation.report import measured
+    from markergen.validation.report import plots as report_plots
+
+    def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
+        return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
+
+    for module in (report, measured, report_plots):
+        monkeypatch.setattr(module, "plot", drawn)
+    monkeypatch.setattr(measured, "svg_bytes", lambda draw, size: b"<svg></svg>")
+
+
+@pytest.fixture
 def only_our_objectives():
     """Forget objectives that a test has passed to `markergen.design`."""
     from markergen.objectives import OBJECTIVES

@@ -8,7 +8,7 @@ from markergen.cli import main
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("validate")
-    assert main(["design", "--n", "5", "--restarts", "2", "-o", str(folder / "marker.json")]) == 0
+    assert main(["design", "--n", "5", "--restarts", "1", "-o", str(folder / "marker.json")]) == 0
     return folder
 
 
@@ -21,7 +21,7 @@ def here(folder, monkeypatch):
 SHORT = ["validate", "marker.json", "--runs", "0", "--poses", "cone:count=40"]
 
 
-def test_views_report_and_pictures(here, capsys, tmp_path):
+def test_views_report_and_pictures(here, capsys, tmp_path, undrawn):
     report, pictures = tmp_path / "report.html", tmp_path / "pictures"
     pictures.mkdir()
     (pictures / "failure-0099.png").write_bytes(b"of another run")

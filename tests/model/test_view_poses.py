@@ -97,13 +97,13 @@ def test_texts_that_are_no_views(text, words):
         named_poses(text)
 
 
-def test_design_and_validate_take_them(tmp_path):
-    text = "view:distance=0.4..0.8m,tilt=0..50,count=40"
+def test_design_and_validate_take_them(tmp_path, undrawn):
+    text = "view:distance=0.4..0.8m,tilt=0..50,count=12"
     design = mg.design(n=5, radius="60mm", dot="20mm", restarts=1, poses=text)
     assert design.marker.provenance["spec"]["poses"] == str(View.parse(text))
     design.marker.save(tmp_path / "m.json")
-    validation = mg.validate(tmp_path / "m.json", runs=20, views=0, report=tmp_path / "report.html", workers=1)
-    assert "40 poses" in repr(validation)
+    validation = mg.validate(tmp_path / "m.json", runs=2, views=0, report=tmp_path / "report.html", workers=1)
+    assert "12 poses" in repr(validation)
     # Oblique to the optical axis, most of the poses have their marker off the center.
     seen = named_poses(text).seen_whole(Circle(0.06), PAPER_CAMERA)
     (div,) = (
@@ -116,5 +116,5 @@ def test_design_and_validate_take_them(tmp_path):
     np.testing.assert_allclose(np.column_stack([dome[axis] for axis in "xyz"]), eyes, rtol=1e-3, atol=1e-4)
     centers = PAPER_CAMERA.project(np.zeros((1, 2)), seen.rotation, seen.translation)[:, 0]
     assert np.median(np.abs(centers - [320, 240]).max(axis=1)) > 50
-    other = mg.validate(tmp_path / "m.json", poses="view:distance=0.5,tilt=0..30,count=20", runs=10, views=4, workers=1)
+    other = mg.validate(tmp_path / "m.json", poses="view:distance=0.5,tilt=0..30,count=20", runs=2, views=2, workers=1)
     assert "20 poses" in repr(other)

@@ -9,7 +9,7 @@ from markergen.model.goal import parse_goal
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 
-VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=30"
+VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=12"
 
 
 def spec(objective, **more):

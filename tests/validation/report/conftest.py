@@ -10,14 +10,11 @@ import pytest
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import Setting
-from markergen.presentation import plots
 from markergen.presentation.results import json_bytes
 from markergen.render import DEFAULT_OPTICS
-from markergen.validation import report
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
-from markergen.validation.report import html_report, measured
-from markergen.validation.report import plots as report_plots
+from markergen.validation.report import html_report
 from markergen.validation.report.measured import sample_pose_errors
 from markergen.validation.report.subject import Subject
 from markergen.validation.validation import run_validation
@@ -161,15 +158,3 @@ def new_axes():
     from matplotlib.figure import Figure
 
     return Figure().add_subplot()
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Leave the drawing out: it costs two seconds a page."""
-
-    def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
-        return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
-
-    for module in (report, measured, report_plots):
-        monkeypatch.setattr(module, "plot", drawn)
-    monkeypatch.setattr(measured, "svg_bytes", lambda draw, size: b"<svg></svg>")

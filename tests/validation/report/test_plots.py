@@ -115,7 +115,7 @@ def test_errors_are_carried_over_to_one_covariance():
     assert carried_over(np.zeros((0, 2)), np.zeros((0, 2, 2)), target).shape == (0, 2)
 
 
-def test_dots_of_a_perfect_detector_lie_inside_as_they_should(subject, quick):
+def test_dots_of_a_perfect_detector_lie_inside_as_they_should(subject, undrawn):
     caption = next(each.caption for each in measured.ellipses(subject).plots if "dot centers" in each.caption)
     inside = float(re.search(r"([\d.]+) % lie inside", caption)[1])
     # 800 dots: one sigma is 0.8 %.

@@ -81,14 +81,14 @@ PARTS = (
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_any_part_may_be_missing_or_null(part, results, pentagon, few, quick):
+def test_any_part_may_be_missing_or_null(part, results, pentagon, few, undrawn):
     without = {key: value for key, value in results.items() if key != part}
     page = html_report(without, pentagon, few)
     assert b"What to expect" in page
     assert html_report({**without, part: None}, pentagon, few) == page
 
 
-def test_views_of_which_none_was_detected(results, pentagon, few, budget, quick):
+def test_views_of_which_none_was_detected(results, pentagon, few, budget, undrawn):
     nothing = {"count": 0, **dict.fromkeys(["mean", "std", "rms", "median", "p95", "max"])}
     views = {
         **results["views"], "detected": 0, "rate": 0.0, "point_px": nothing, "uncorrected_px": nothing, "samples": [],
@@ -99,13 +99,13 @@ def test_views_of_which_none_was_detected(results, pentagon, few, budget, quick)
     assert f"0 of {views['count']} rendered views detected" in text
 
 
-def test_bare_points_have_no_size_to_print(results, make_ngon, few, quick):
+def test_bare_points_have_no_size_to_print(results, make_ngon, few, undrawn):
     points = make_ngon(5, 0.15, 0.0)
     text = html_report({**results, "views": None}, points, few).decode()
     assert "size to print" in text
 
 
-def test_one_pose_is_enough(results, pentagon, few, quick):
+def test_one_pose_is_enough(results, pentagon, few, undrawn):
     one = replace(few, poses=PoseDistribution("one", few.poses.rotation[[30]], few.poses.translation[[30]]))
     without = {**results, "views": None, "headline": None, "expected": None}
     assert "RMS over 1 poses" in html_report(without, pentagon, one).decode()
