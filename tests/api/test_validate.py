@@ -32,15 +32,6 @@ def bounds(pentagon):
     return validate(pentagon, **FAST)
 
 
-@pytest.fixture(scope="module")
-def saved(proved, tmp_path_factory):
-    """Folder of the files and pictures of that with trials and views."""
-    folder = tmp_path_factory.mktemp("saved")
-    proved.found.save(*(folder / name for name in FILES))
-    proved.found.save_pictures(folder / "views")
-    return folder
-
-
 def test_the_results_are_those_of_the_json(proved, pentagon):
     found = proved.found
     assert json.loads(found.to_json()) == dict(found.results)
@@ -167,7 +158,7 @@ def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monk
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_files_by_suffix_and_by_name(pentagon, quick, saved, tmp_path):
+def test_files_by_suffix_and_by_name(proved, pentagon, quick, undrawn, tmp_path):
     found = validate(
         pentagon, **quick, save=[tmp_path / name for name in FILES],
         json=str(tmp_path / "plain"), pictures=tmp_path / "views",
@@ -181,6 +172,10 @@ def test_files_by_suffix_and_by_name(pentagon, quick, saved, tmp_path):
     assert b"<svg" in (tmp_path / "r.svg").read_bytes()
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
     # Saved later, from another run of the same: the same bytes.
+    saved = tmp_path / "saved"
+    saved.mkdir()
+    proved.found.save(*(saved / name for name in FILES))
+    proved.found.save_pictures(saved / "views")
     for path in saved.rglob("*.*"):
         assert path.read_bytes() == (tmp_path / path.relative_to(saved)).read_bytes()
 
@@ -299,11 +294,12 @@ def test_without_trials_the_plot_shows_the_views(proved):
     assert errors_over.__module__.startswith("markergen.validation.report")
 
 
-def test_it_can_be_sent_to_another_process(proved, saved, tmp_path):
+def test_it_can_be_sent_to_another_process(proved, tmp_path):
     copy = pickle.loads(pickle.dumps(proved.found))
     assert str(copy) == str(proved.found)
-    copy.save(tmp_path / "r.svg")
-    assert (tmp_path / "r.svg").read_bytes() == (saved / "r.svg").read_bytes()
+    proved.found.save(tmp_path / "r.svg")
+    copy.save(tmp_path / "copy.svg")
+    assert (tmp_path / "copy.svg").read_bytes() == (tmp_path / "r.svg").read_bytes()
     assert len(pickle.dumps(proved.found)) < 1_000_000
 
 
