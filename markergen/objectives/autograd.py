@@ -141,7 +141,11 @@ class FunctionObjective(AutogradObjective):
 
     def values(self, points: Array) -> Array:
         """See `AutogradObjective.values`."""
-        values = type(self).function(points, self)
+        try:
+            values = type(self).function(points, self)
+        except (TypeError, AttributeError) as error:
+            remedy = "compute with autograd.numpy, of view.covariance(points), .information(points) and .pixels(points)"
+            raise InputError("an objective that autograd differentiates", str(error), remedy) from error
         if getattr(values, "ndim", 0) != 2:
             returned = f"shape {values.shape}" if hasattr(values, "shape") else brief(values)
             remedy = f"return a value for each layout and pose, here ({len(points)}, {len(self.setting.poses)})"

@@ -39,7 +39,7 @@ from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boun
 from markergen.read.poses import poses_as_stated, poses_from, settled_poses
 from markergen.read.poses.conventions import READING
 from markergen.read.poses.rows import numbers_of_rows
-from markergen.units import SMALLEST_LENGTH, parse_length, parse_settings
+from markergen.units import SMALLEST_LENGTH, format_length, parse_length, parse_settings
 
 
 @contextmanager
@@ -270,6 +270,17 @@ def spec_of(marker: Marker) -> Spec | None:
     return None if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
 
 
+def _option_refusal(error: Any) -> InputError | None:
+    """What an option of the plate is to be, or what a validator says of any other; None if that is nothing."""
+    limits = {"greater_than_equal": ("ge", "from"), "greater_than": ("gt", "above"), "less_than_equal": ("le", "up to")}
+    if error["loc"][0] != "substrate" or error["type"] not in limits:
+        return refusal_in(error)
+    key, word = limits[error["type"]]
+    option, limit = str(error["loc"][-1]).replace("_", "-"), format_length(float(error["ctx"][key]))
+    remedy = "give a length such as 3mm, or leave it out"
+    return InputError(f"a --{option} {word} {limit}", format_length(float(error["input"])), remedy)
+
+
 def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) -> Spec:
     """Make a spec from a mapping of plain values; lengths may be text with a unit, and `Spec` defines the defaults.
 
@@ -291,7 +302,7 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     try:
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
-        refusal = refusal_in(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
+        refusal = _option_refusal(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
         findings = InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places")
         raise refusal or findings from None
     options = {

@@ -56,6 +56,8 @@ def test_a_class_is_minimized_and_a_cell_may_be_run_again():
     [
         (lambda points: 1, r"points and view, found <lambda>\(points\)"),
         (lambda points, view: "a", "found 'a'"),
+        (lambda points, view: np.linalg.det(view.information(points)), r"autograd\.numpy"),
+        (lambda points, view: view.rotation, r"rotation.*view\.covariance"),
         (lambda points, view: anp.sum(points**2), r"found shape \(\); .* \(\d+, 20\)"),
     ],
 )

@@ -100,7 +100,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     """
     if str(path) in NAMED_CAMERAS:
         return NAMED_CAMERAS[str(path)]
-    if get_close_matches(str(path), NAMED_CAMERAS, cutoff=0.8) and not Path(path).exists():
+    if (str(path).isalnum() or get_close_matches(str(path), NAMED_CAMERAS, cutoff=0.8)) and not Path(path).exists():
         raise InputError("a camera's file, or a typical camera", brief(str(path)), among(str(path), NAMED_CAMERAS))
     return _camera_of(*sized_document(path))
 

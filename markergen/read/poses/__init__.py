@@ -126,7 +126,8 @@ def settled_poses(wish: str) -> str | RecordedPoses:
     if is_named(wish):
         return named_poses(wish).name
     path = Path(wish)
-    if not path.name or not (path.suffix or len(path.parts) > 1 or exists(path)):
+    # 0.4-0.8m is no file.
+    if not path.name or not (path.suffix[1:].isalpha() or len(path.parts) > 1 or exists(path)):
         remedy = f"known: {', '.join(pose_forms())}, and files of poses"
         raise InputError("a known pose distribution", brief(wish), remedy)
     return read_poses(path)
