@@ -192,7 +192,7 @@ def poses_of(rig: mg.Rig, found: Any) -> tuple[Pose | None, Pose | None]:
     seen = next((each for each in found if each.ok), None)
     if seen is None:
         return None, None
-    parts = body_poses(seen.detection, rig, seen.camera, ErrorSources(PRINT_SIGMA))
+    parts = body_poses(seen.finding, rig, seen.camera, ErrorSources(PRINT_SIGMA))
     if not parts:
         return (seen.rotation, seen.translation), None
     number, pose = min(parts, key=lambda part: float(part[1].budget.rotation_deg["total"]))
