@@ -173,7 +173,24 @@ def group_off(name):
     return changed
 
 
+def rectangle(level, alpha, left, bottom, width, height):
+    """Draw a rectangle, from the corner of dot 2, in points."""
+
+    def change(page):
+        x, y, *_ = box(dot_two(page))
+        item = raw.FPDFPageObj_CreateNewRect(x + left, y + bottom, width, height)
+        raw.FPDFPageObj_SetFillColor(item, level, level, level, alpha)
+        raw.FPDFPath_SetDrawMode(item, 1, 0)
+        raw.FPDFPage_InsertObject(page.raw, item)
+
+    return pages(change)
+
+
 PDF = {
+    "line across a dot": (rectangle(255, 255, -3, 12, 45, 0.6), "covered", "% of dot 2 is covered"),
+    "speck in a dot": (rectangle(255, 255, 12, 12, 3, 3), "covered", "% of dot 2 is covered"),
+    "watermark": (rectangle(0, 40, -900, -900, 2000, 2000), "extra", "the page is filled"),
+    "one dot again": (rectangle(0, 255, 14, 14, 3, 3), "twice", "is in a dot of its color"),
     "white": (filled(255), "pale", "dot 2 is invisible"),
     "grey": (filled(128), "pale", "dot 2 is grey: 50 %"),
     "covered": (pages(under_a_box), "pale", "dot 2 is invisible"),
@@ -260,7 +277,30 @@ def oval(document, space):
     space.delete_entity(dot)
 
 
+def open_dot(document, space):
+    dot = circles(space, "ENGRAVE", 6)[1]
+    space.add_arc(dot.dxf.center, 6, 0, 355, dxfattribs={"layer": "ENGRAVE"})
+    space.delete_entity(dot)
+
+
+def in_block(xscale=1.0, again=False):
+    def change(document, space):
+        block = document.blocks.new("B")
+        for entity in list(space):
+            space.unlink_entity(entity)
+            block.add_entity(entity)
+        space.add_blockref("B", (0, 0), dxfattribs={"xscale": xscale})
+        if again:
+            space.add_blockref("B", (300, 0))
+
+    return drawn(change)
+
+
 DXF = {
+    "dot not closed": (drawn(open_dot), "missing", "dot 1 is missing"),
+    "block stretched": (in_block(1.001), "scaled", "scaled by 1.001"),
+    "block mirrored": (in_block(-1.0), "mirrored", "mirrored"),
+    "block twice": (in_block(again=True), "twice", "the marker is there 2 times"),
     "a little off": (drawn(a_little_off), "shifted", "dot 1 is 0.03 mm off"),
     "ellipse": (drawn(oval), "diameter", "dot 2 is not round"),
     "word to cut": (drawn(word), "covered", "the 'TEXT' on the layer CUT is not read"),
