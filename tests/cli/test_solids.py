@@ -166,7 +166,7 @@ def test_options_go_before_the_plate_of_a_template(here, capsys):
     [
         ("--mount 4xM3@1m", "over the edge of the plate"),
         ("--mount 4xM7@40mm", "known: M1.6, M2,"),
-        ("--thickness 0mm", "substrate.thickness"),
+        ("--thickness 0mm", "--thickness from 0.01 mm"),
         ("--outline circle:100mm", "a plate's outline that holds the boundary"),
         ("--process casting", "known: cnc, dome"),
         ("--outline plate.geojson", "--boundary-unit"),
