@@ -85,7 +85,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     thicker = filter(None, (_as_thick(body, solid, wanted, 1e3 * tolerance) for wanted in choices))
     if (marker := next(thicker, None)) is not None:
         with suppress(InputError, OutputError):
-            choices = [*best(marker), *choices]
+            choices = [best(marker)[0], *choices]
     if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
         solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
