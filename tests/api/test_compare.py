@@ -110,8 +110,8 @@ def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, 
     monkeypatch.setattr(series.time, "process_time", lambda: 0.0)
     found = compare(pentagon, "square", **FEW)
     Path("marker").write_bytes(to_json(pentagon))
-    words = ["compare", "marker", "square", "--views", "2", "--poses", FEW["poses"], "--workers", "1"]
-    assert main(words) == 0
+    arguments = ["compare", "marker", "square", "--views", "2", "--poses", FEW["poses"], "--workers", "1"]
+    assert main(arguments) == 0
     assert capsys.readouterr().out == str(found) + "\n"
     assert len(repr(found)) < 2000
     assert "2 views; marker 0.0" in repr(found)

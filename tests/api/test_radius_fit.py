@@ -34,8 +34,8 @@ def test_it_is_the_design_of_that_radius(tmp_path, monkeypatch):
     found = design(template="spec.toml", camera=camera, output="fit.pdf")
     assert sentence("stands on", "A5 (148 x 210 mm)", "120 mm") in found.written[0].notes[0]
     assert found.marker.provenance["spec"]["boundary"] == Circle(0.06).as_dict()
-    words = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=8", "--paper=A5"]
-    assert main(["design", *words, "--radius=60mm", "-o", "explicit.pdf"]) == 0
+    arguments = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=8", "--paper=A5"]
+    assert main(["design", *arguments, "--radius=60mm", "-o", "explicit.pdf"]) == 0
     for suffix in (".pdf", ".json"):
         assert (tmp_path / f"fit{suffix}").read_bytes() == (tmp_path / f"explicit{suffix}").read_bytes()
 
@@ -121,8 +121,8 @@ def test_what_cannot_fit_is_said():
 def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, paper):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LC_ALL", locale)
-    words = ["design", "--n=4", "--dot=20mm", "--restarts=1", "--poses=cone:count=8", "--quiet"]
-    assert main([*words, "-o", "page.pdf"]) == 0
+    arguments = ["design", "--n=4", "--dot=20mm", "--restarts=1", "--poses=cone:count=8", "--quiet"]
+    assert main([*arguments, "-o", "page.pdf"]) == 0
     found = Marker.load("page.json")
     options = SheetOptions(paper)
     assert fits(found, options)
@@ -130,7 +130,7 @@ def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, pape
     page = find_paper(paper)
     assert 1e3 * width > page.width - 36
     assert 1e3 * height > page.height - 92
-    assert main([*words, "--radius=60mm", "-o", "disk.pdf"]) == 0
+    assert main([*arguments, "--radius=60mm", "-o", "disk.pdf"]) == 0
     assert Marker.load("disk.json").boundary == Circle(0.06)
 
 

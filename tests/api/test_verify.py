@@ -41,16 +41,16 @@ def here(written, tmp_path, monkeypatch):
 
 
 def test_a_check_of_each_file_in_their_order(here, marker):
-    found = verify(marker, "marker.csv", here / "other.csv", "none.csv", "marker.svg")
-    assert isinstance(found, Sequence)
-    assert [check.path for check in found] == ["marker.csv", str(here / "other.csv"), "none.csv", "marker.svg"]
-    assert [check.passed for check in found] == [True, False, False, True]
-    assert len(found[1:]) == 3
-    assert found[2].error
-    assert not found.passed
-    assert not found.usable
+    verification = verify(marker, "marker.csv", here / "other.csv", "none.csv", "marker.svg")
+    assert isinstance(verification, Sequence)
+    assert [check.path for check in verification] == ["marker.csv", str(here / "other.csv"), "none.csv", "marker.svg"]
+    assert [check.passed for check in verification] == [True, False, False, True]
+    assert len(verification[1:]) == 3
+    assert verification[2].error
+    assert not verification.passed
+    assert not verification.usable
     # What fails is a sequence all the same.
-    assert found
+    assert verification
     good = verify("marker.json", "marker.csv")
     assert good.passed
     assert good.usable
@@ -97,55 +97,55 @@ def test_what_cannot_be_written_is_told_before_the_work(here, monkeypatch):
 
 
 def test_saving_nothing_is_refused_and_none_asks_for_nothing(here):
-    found = verify("marker.json", "marker.csv", save=None)
+    verification = verify("marker.json", "marker.csv", save=None)
     with pytest.raises(InputError, match="write to, found none"):
-        found.save()
+        verification.save()
 
 
 def test_files(here, marker):
-    found = verify(marker, "marker.csv", "other.csv", save="found.json", json="plain")
-    assert [str(each) for each in found.written] == ["wrote found.json", "wrote plain"]
-    assert Path("found.json").read_bytes() == Path("plain").read_bytes() == found.to_json()
-    assert [each["passed"] for each in json.loads(found.to_json())] == [True, False]
-    found.save(here / "again.json")
-    assert Path("again.json").read_bytes() == found.to_json()
+    verification = verify(marker, "marker.csv", "other.csv", save="found.json", json="plain")
+    assert [str(each) for each in verification.written] == ["wrote found.json", "wrote plain"]
+    assert Path("found.json").read_bytes() == Path("plain").read_bytes() == verification.to_json()
+    assert [each["passed"] for each in json.loads(verification.to_json())] == [True, False]
+    verification.save(here / "again.json")
+    assert Path("again.json").read_bytes() == verification.to_json()
 
 
 def test_printed_it_is_what_the_command_prints(here, marker, capsys):
-    found = verify(marker, "marker.csv", "other.csv")
+    verification = verify(marker, "marker.csv", "other.csv")
     assert main(["verify", "marker.json", "marker.csv", "other.csv"]) == 1
-    assert capsys.readouterr().out == str(found) + "\n"
-    assert "WRONG" in str(found)
+    assert capsys.readouterr().out == str(verification) + "\n"
+    assert "WRONG" in str(verification)
     # The command tells on stderr what could not be used.
     assert "none.csv" in str(verify(marker, "none.csv"))
 
 
 def test_short_and_escaped_whatever_files_are_called(here, marker):
     Path("marker.csv").rename(HOSTILE)
-    found = verify(marker, *[HOSTILE] * 9, "n" * 200)
-    assert len(repr(found)) < 2000
-    assert "and 2 more" in repr(found)
-    assert "<script>" not in found._repr_html_()
-    assert "&lt;script&gt;[red]x.csv" in found._repr_html_()
-    assert HOSTILE in str(found)
+    verification = verify(marker, *[HOSTILE] * 9, "n" * 200)
+    assert len(repr(verification)) < 2000
+    assert "and 2 more" in repr(verification)
+    assert "<script>" not in verification._repr_html_()
+    assert "&lt;script&gt;[red]x.csv" in verification._repr_html_()
+    assert HOSTILE in str(verification)
 
 
 def test_rows_for_each_file(here, marker, make_ngon, frames, monkeypatch):
     save(make_ngon(6, 0.05, 0.012), [here / "other.pdf"])
-    found = verify(marker, "marker.csv", "other.pdf")
-    rows = found.to_frame()
+    verification = verify(marker, "marker.csv", "other.pdf")
+    rows = verification.to_frame()
     assert [(row["file"], row["passed"]) for row in rows] == [("marker.csv", True), ("other.pdf", False)]
     assert rows[0]["largest_m"] < 1e-6
     assert "another marker" in rows[1]["findings"]
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(MissingLibraryError, match="pip install pandas"):
-        found.to_frame()
+        verification.to_frame()
 
 
 def test_it_can_be_sent_to_another_process_and_tells_the_log_alone(here, marker, caplog, capsys):
     with caplog.at_level(logging.INFO, "markergen"):
-        found = verify(marker, "marker.csv")
-    assert str(pickle.loads(pickle.dumps(found))) == str(found)
+        verification = verify(marker, "marker.csv")
+    assert str(pickle.loads(pickle.dumps(verification))) == str(verification)
     assert len(caplog.records) == 2
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "")

@@ -47,8 +47,8 @@ def path(tmp_path_factory, pentagon):
 @pytest.fixture(scope="module")
 def results(path, few_tuning_views):
     calls = []
-    found = compare([path, *PEERS], views=VIEWS, workers=1, progress=lambda *call: calls.append(call))
-    return SimpleNamespace(found=found, calls=calls)
+    comparison = compare([path, *PEERS], views=VIEWS, workers=1, progress=lambda *call: calls.append(call))
+    return SimpleNamespace(found=comparison, calls=calls)
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +57,11 @@ def timed(path, few_tuning_views):
     calls = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "stag", None)
-        found, cpu_s = module.compare_and_time(
+        comparison, cpu_s = module.compare_and_time(
             [path, "square", "stag:HD21"], views=2, poses=FAR, workers=1,
             progress=lambda *call: calls.append(call), announce=calls.append,
         )  # fmt: skip
-    return SimpleNamespace(found=found, cpu_s=cpu_s, calls=calls)
+    return SimpleNamespace(found=comparison, cpu_s=cpu_s, calls=calls)
 
 
 @pytest.mark.long
@@ -83,8 +83,8 @@ def test_ours_and_the_peers_are_told_apart(results):
 
 @pytest.mark.long
 def test_four_times_as_accurate_as_the_best_peer(path):
-    found = compare([path, *PEERS], views=200)
-    first, *peers = found["contestants"]
+    comparison = compare([path, *PEERS], views=200)
+    first, *peers = comparison["contestants"]
     assert first["rotation_deg"]["rms"] <= 0.03
     # Measured: 6.5, 6.8 and 17, each within a third.
     assert min(peer["ratio"]["rotation_deg"]["rms"] for peer in peers) >= 4
@@ -129,25 +129,25 @@ def test_a_board_is_tried_with_tags_of_several_sizes(few_tuning_views, monkeypat
 
 
 def test_what_is_not_installed_keeps_its_row(timed, path):
-    found, cpu_s = timed.found, timed.cpu_s
-    last = found["contestants"][-1]
+    comparison, cpu_s = timed.found, timed.cpu_s
+    last = comparison["contestants"][-1]
     assert (last["name"], last["detected"], last["rate"]) == ("stag:HD21", 0, 0)
     assert last["absent"] == sentence("needs peer")
-    assert found["views"]["common"] == 2
+    assert comparison["views"]["common"] == 2
     assert list(cpu_s) == [path, "square"]
-    json_bytes(found)
-    said = str(Comparison(found, cpu_s=cpu_s))
+    json_bytes(comparison)
+    said = str(Comparison(comparison, cpu_s=cpu_s))
     assert "absent" in said
     assert "stag:HD21: not compared; " + sentence("needs peer") in said
-    assert comparison_figure(found).get_axes()
+    assert comparison_figure(comparison).get_axes()
 
 
 def test_processor_time_is_printed_but_not_saved(timed):
-    found, cpu_s = timed.found, timed.cpu_s
+    comparison, cpu_s = timed.found, timed.cpu_s
     assert min(cpu_s.values()) > 0
-    assert " ms" in str(Comparison(found, cpu_s=cpu_s))
-    assert " ms" not in str(Comparison(found))
-    assert "cpu" not in json_bytes(found).decode().lower()
+    assert " ms" in str(Comparison(comparison, cpu_s=cpu_s))
+    assert " ms" not in str(Comparison(comparison))
+    assert "cpu" not in json_bytes(comparison).decode().lower()
 
 
 def test_results_are_plain_json_and_add_up(results):

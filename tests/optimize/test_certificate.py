@@ -157,9 +157,9 @@ def test_orbits_bound_as_closely_as_single_places(setting, monkeypatch, criterio
 
 def test_other_layouts_do_not_break_the_bound(rooms, criterion):
     region = FeasibleRegion(rooms["rectangle"], 0.03, 0.003)
-    found = attempt_to_break(criterion(rooms["rectangle"]), region, 7, restarts=2)
-    assert found.gap < 0.05
-    assert found.proven
+    bound = attempt_to_break(criterion(rooms["rectangle"]), region, 7, restarts=2)
+    assert bound.gap < 0.05
+    assert bound.proven
 
 
 @pytest.mark.parametrize("name", TRACES)
@@ -212,10 +212,10 @@ def test_bound_with_lens_and_noise_of_dots(criterion):
     boundary = polygon_from([np.array([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]])])
     poses = fewer(paper().seen_whole(boundary, camera))
     objective = OBJECTIVES["rotation"](Setting(boundary, camera, poses, DotNoise(0.02, print_sigma=1e-4)))
-    found = attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200, restarts=2)
-    assert found.gap < 0.05
-    assert not found.proven
-    assert "tested" in found.sentence
+    bound = attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200, restarts=2)
+    assert bound.gap < 0.05
+    assert not bound.proven
+    assert "tested" in bound.sentence
 
 
 def test_smaller_rooms_and_fewer_dots_have_larger_bounds(monkeypatch, criterion):
@@ -287,11 +287,11 @@ def body_of_plates(count):
 
 def test_other_layouts_of_plates_do_not_break_the_bound_of_a_rig():
     search, rng = body_of_plates(6), np.random.default_rng(0)
-    found = search.certify(search.value)
-    assert not found.reason
-    assert not found.proven
+    certificate_of_rig = search.certify(search.value)
+    assert not certificate_of_rig.reason
+    assert not certificate_of_rig.proven
     served = search.see(search.blocks).served
-    assert 0.5 * search.value < found.lower_bound <= search.value
+    assert 0.5 * search.value < certificate_of_rig.lower_bound <= search.value
     sampled = [block.region.sample(100, 4, rng) for block in search.blocks]
     tried = 0
     for layouts in zip(*sampled, strict=True):
@@ -302,7 +302,7 @@ def test_other_layouts_of_plates_do_not_break_the_bound_of_a_rig():
         if not np.array_equal(covered.served, served):
             continue
         errors = search.problem.errors(covered, search.problem.information(blocks, covered))
-        assert search.problem.value(covered, errors)[1] >= found.lower_bound
+        assert search.problem.value(covered, errors)[1] >= certificate_of_rig.lower_bound
         tried += 1
     assert tried > 20
 

@@ -20,8 +20,8 @@ FEW = "cone:distance=0.6..1.5m,tilt=0..60,count=20"
 
 
 def test_the_default_marker(setting):
-    found = design(Spec())
-    marker = found.marker
+    result = design(Spec())
+    marker = result.marker
     assert len(marker) == 5
     assert marker.dot_diameter == 0.036
     assert marker.control_points[0].feature.kind == "ring"
@@ -30,9 +30,9 @@ def test_the_default_marker(setting):
     xy = marker.xyz[:, :2]
     # Upright: the key dot is straight up, as far out as dot and clearance allow.
     np.testing.assert_allclose(xy[0], [0, 0.15 - 0.018 - 0.0036], atol=1e-9)
-    assert set(found.criteria) == {"design", "ngon", "square", "random"}
-    assert found.criteria["design"]["pose_m"] <= found.criteria["ngon"]["pose_m"] * 1.001
-    assert found.criteria["design"]["pose_m"] < 0.5 * found.criteria["random"]["pose_m"]
+    assert set(result.criteria) == {"design", "ngon", "square", "random"}
+    assert result.criteria["design"]["pose_m"] <= result.criteria["ngon"]["pose_m"] * 1.001
+    assert result.criteria["design"]["pose_m"] < 0.5 * result.criteria["random"]["pose_m"]
 
 
 def test_equal_specs_give_equal_bytes_and_other_seeds_other_provenance():
@@ -85,11 +85,11 @@ def test_a_marker_that_no_pose_sees_is_refused():
 
 
 def test_poses_that_see_only_a_part_are_counted():
-    found = design(Spec(boundary=Circle(0.25), restarts=1))
-    assert 0 < found.setting.poses.dropped < 400
-    assert len(found.setting.poses) + found.setting.poses.dropped == 400
-    assert found.marker.provenance["poses"] == {
-        "name": "paper", "count": len(found.setting.poses), "dropped": found.setting.poses.dropped,
+    result = design(Spec(boundary=Circle(0.25), restarts=1))
+    assert 0 < result.setting.poses.dropped < 400
+    assert len(result.setting.poses) + result.setting.poses.dropped == 400
+    assert result.marker.provenance["poses"] == {
+        "name": "paper", "count": len(result.setting.poses), "dropped": result.setting.poses.dropped,
     }  # fmt: skip
 
 
@@ -108,9 +108,9 @@ def test_a_dot_at_the_center_comes_last():
 
 @pytest.mark.long
 def test_studies_may_use_bare_points_and_are_warned():
-    found = design(Spec(dot=0.0, clearance=0.0, restarts=1, poses=FEW))
-    assert found.marker.dot_diameter == 0
-    assert any("bare points" in warning for warning in found.warnings)
+    result = design(Spec(dot=0.0, clearance=0.0, restarts=1, poses=FEW))
+    assert result.marker.dot_diameter == 0
+    assert any("bare points" in warning for warning in result.warnings)
     small = design(Spec(dot=0.005, restarts=1, poses=FEW)).warnings
     assert any(f"takes {RING_PIXELS:g} px for the" in warning for warning in small)
     assert any(
@@ -121,16 +121,16 @@ def test_studies_may_use_bare_points_and_are_warned():
 
 def test_a_design_with_keep_outs_keeps_out(shapes):
     hole = Circle(0.012, (0.09, 0.04))
-    found = design(Spec(n=5, boundary=shapes["rectangle"], keep_outs=(hole,), dot=0.02, restarts=1, poses=FEW))
-    assert found.marker.keep_outs == (hole,)
-    xy = found.marker.xyz[:, :2]
+    result = design(Spec(n=5, boundary=shapes["rectangle"], keep_outs=(hole,), dot=0.02, restarts=1, poses=FEW))
+    assert result.marker.keep_outs == (hole,)
+    xy = result.marker.xyz[:, :2]
     assert np.hypot(*(xy - hole.center).T).min() >= 0.012 + 0.01 + 0.002 - 1e-9
     assert np.abs(xy[:, 0]).max() <= 0.1 - 0.012 + 1e-9
     assert np.abs(xy[:, 1]).max() <= 0.05 - 0.012 + 1e-9
     # The hole takes the corner away from the dot that would be there.
     free = design(Spec(n=5, boundary=shapes["rectangle"], dot=0.02, restarts=1, poses=FEW))
-    assert found.criteria["design"]["pose_m"] > free.criteria["design"]["pose_m"] * 1.001
-    assert found.seconds > 0
+    assert result.criteria["design"]["pose_m"] > free.criteria["design"]["pose_m"] * 1.001
+    assert result.seconds > 0
 
 
 def test_what_does_not_fit_beside_keep_outs_is_refused(shapes):
@@ -158,8 +158,8 @@ def test_a_traced_design_tells_its_way_and_is_the_same():
 def test_one_sided_poses_are_worth_an_own_layout(setting):
     poses = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=20"
     for n in (4, 6, 8):
-        found = design(Spec(n=n, poses=poses, restarts=1))
-        assert found.criteria["design"]["pose_m"] <= 0.95 * found.criteria["ngon"]["pose_m"]
+        result = design(Spec(n=n, poses=poses, restarts=1))
+        assert result.criteria["design"]["pose_m"] <= 0.95 * result.criteria["ngon"]["pose_m"]
 
 
 SPEC = Spec(tag="aruco:DICT_4X4_50:7", tag_side=0.06, restarts=1)

@@ -111,16 +111,16 @@ def budget_of(poses, diameter):
 
 
 def test_an_auto_design_is_a_marker_like_any_other():
-    found = design(Spec(dot="auto", n=4, restarts=1, poses="cone:distance=0.6..1.5m,tilt=0..60,count=20"))
-    marker = found.marker
-    assert from_json(to_json(marker).decode()).dot_diameter == found.dots.diameter
+    result = design(Spec(dot="auto", n=4, restarts=1, poses="cone:distance=0.6..1.5m,tilt=0..60,count=20"))
+    marker = result.marker
+    assert from_json(to_json(marker).decode()).dot_diameter == result.dots.diameter
     assert marker.provenance["spec"]["dot"] == "auto"
-    assert marker.provenance["noise"] == found.setting.noise_words
-    assert found.setting.noise == DotNoise(found.dots.diameter)
-    assert found.setting.noise_words in found.summary
-    assert found.warnings == (found.dots.warning,)
-    assert "use --print-sigma" in found.dots.warning
-    assert found.criteria["design"]["pose_m"] <= found.criteria["ngon"]["pose_m"] * 1.0001
+    assert marker.provenance["noise"] == result.setting.noise_words
+    assert result.setting.noise == DotNoise(result.dots.diameter)
+    assert result.setting.noise_words in result.summary
+    assert result.warnings == (result.dots.warning,)
+    assert "use --print-sigma" in result.dots.warning
+    assert result.criteria["design"]["pose_m"] <= result.criteria["ngon"]["pose_m"] * 1.0001
 
 
 def test_a_design_is_for_the_print_error_it_was_asked_for():

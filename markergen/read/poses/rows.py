@@ -161,13 +161,13 @@ class RowsFile:
         quoted = b'"' in self.data
         for number, line in self.lines():
             text = self.text(number, line)
-            words = self._quoted(number, text) if quoted else text.split(delimiter)
+            cells = self._quoted(number, text) if quoted else text.split(delimiter)
             if quoted or delimiter != ",":
-                comma = next((word.strip() for word in words if DECIMAL_COMMA.fullmatch(word)), None)
+                comma = next((cell.strip() for cell in cells if DECIMAL_COMMA.fullmatch(cell)), None)
                 if comma is not None:
-                    found = f"{brief(comma)}, perhaps with a decimal comma"
-                    raise InputError(f"numbers with decimal points at {self.place(number)}", found, "write them so")
-            yield number, words
+                    problem = f"{brief(comma)}, perhaps with a decimal comma"
+                    raise InputError(f"numbers with decimal points at {self.place(number)}", problem, "write them so")
+            yield number, cells
 
     def _quoted(self, number: int, text: str) -> list[str]:
         """Words of a row, some in double quotes; an unclosed quote ends with its line."""
