@@ -32,8 +32,6 @@ def design(json: Json = None, details: Details = False, **options: Any) -> None:
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.interruptible() as limit, console.progress_bar() as progress:
         result = find(progress=progress, json=console.file_of(json), **options)
-        if console.is_stdout(json) or details:
-            result.certify(progress)
     console.print_result(result, json, details=details)
     if limit.asked:
         raise typer.Exit(console.INTERRUPTED)
