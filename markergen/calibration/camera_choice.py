@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -60,9 +61,9 @@ def choose_camera(
     """Choose the parameters of an unknown camera that left-out photographs justify.
 
     The search starts with f (fx alone stands for fx and fy in proportion), c, k1 and k2. Then p1 and p2, k3, and fy on
-    its own join, the best one first, where left-out photographs are predicted better by more than chance. At last k2,
-    k1 and c are held where they are known so poorly that left-out photographs are predicted better with them held, and
-    their start is within the claimed errors.
+    its own join, the best one first, where left-out photographs are predicted better by more than chance; where the fit
+    is poor and none does by itself, two or three at once. At last k2, k1 and c are held where they are known so poorly
+    that left-out photographs are predicted better with them held, and their start is within the claimed errors.
 
     Parameters
     ----------
@@ -101,8 +102,14 @@ def choose_camera(
     notes = [f"{' '.join(missing)} held: the photographs do not determine more"] if missing else []
     groups = [group for group in _EXTRA if _possible(group, camera) == group]
     while True:
-        more = [(*current.names, *group) for group in groups if not set(group) <= set(current.names)]
-        better = [fit for names in more if (fit := attempted(names, current)) is not None]
+        absent = [group for group in groups if not set(group) <= set(current.names)]
+        better: list[_Fit] = []
+        # What one of them leaves over can hide what it gains: a lens off center and pixels off square need both.
+        for count in range(1, len(absent) + 1 if current.whole.variance_factor > POORLY else 2):
+            more = [(*current.names, *chain.from_iterable(several)) for several in combinations(absent, count)]
+            better = [fit for names in more if (fit := attempted(names, current)) is not None]
+            if better:
+                break
         if not better:
             break
         current = take(min(better, key=lambda fit: fit.left_out.rms))

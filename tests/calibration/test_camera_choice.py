@@ -52,6 +52,15 @@ def test_a_parameter_joins_that_left_out_photographs_need(camera, joins, n):
     assert taken.gain.low > 1
 
 
+def test_groups_join_together_where_none_does_by_itself():
+    choice = _choice(replace(_lens(-0.3, 0.12, 0.004, -0.003, 0.0), fy=797.0), 5, 10)
+    assert choice.names == (*BASE, "p1", "p2", "fy")
+    assert not any(trial.taken for trial in choice.tried if len(set(trial.names) & {"p1", "k3", "fy"}) == 1)
+    joined = next(trial for trial in choice.tried[1:] if trial.taken)
+    assert joined.names == choice.names
+    assert joined.gain.low > 1
+
+
 @pytest.mark.long
 def test_few_photographs_hold_what_they_do_not_determine():
     found = _choice(CAMERA, 5, 4)
