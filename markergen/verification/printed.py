@@ -26,15 +26,19 @@ from markergen.verification.words import REMOVE, Finding
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""
 
-MEASURED = r"ruler|check-(?!plan)|remedy|number-|ax[ei]s"
-"""Names of the shapes that users measure, or that say how; the rest may differ by the version that printed it."""
+MEASURED, HOW = r"ruler|check-(?!plan)|number-|ax[ei]s", "remedy"
+"""Names of the shapes that users measure, and of those that say how; the rest may differ by the version that printed it,
+and so may what is said how, which also names a file: it must be there."""
 
 DARK, LEAST = 0.3, 0.2
 """Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
 
 HOLES = 0.03
-"""Share of a shape's ink that may be missing if that is more: small grey letters lose 0.02 in a picture of 150 dpi, and
-at 0.03 no digit may."""
+"""Share of the ink of letters that may be missing if that is more: small grey ones lose 0.02 in a picture of 150 dpi,
+and at 0.03 no digit may. Lines have none: 0.03 of a ruler is 4 mm."""
+
+BLANK = 0.5
+"""Share of the ink of our words below which there are none: other words have 0.9 to 1.1 of it, a file of a long name 0.7."""
 
 SPARSE, FINE = 2, 0.1
 """Pixels from one place to the next that is looked at inside of the outline, and accuracy in mm of this."""
@@ -105,9 +109,11 @@ def printed_findings(
         for name in AROUND
         if shares[name] > SWITCHED_OFF
         for shape in sheet.scene[name]
-        if match(MEASURED, shape.name)
-        and (isinstance(shape, Line) or not (picture.bilevel or picture.grain > COARSE))
-        and wanted.differs(np.array(bounds(shape)))
+        if (isinstance(shape, Line) or not (picture.bilevel or picture.grain > COARSE))
+        and (
+            (match(MEASURED, shape.name) and wanted.differs(np.array(bounds(shape)), isinstance(shape, Line)))
+            or (match(HOW, shape.name) and wanted.is_blank(np.array(bounds(shape))))
+        )
     ]
     called = dict.fromkeys(_called(name) for name in changed)
     findings = [Finding("marks", f"{name} not as printed by us", "export the sheet again") for name in called]
@@ -186,23 +192,32 @@ class _Page:
         is_dark = self._darkness(rows, columns) > DARK
         return np.column_stack([columns, len(self.expected) - rows])[is_dark] * 25.4 / DPI
 
-    def differs(self, box: Array) -> bool:
-        """Tell whether ink is missing, or more, in a box (left, bottom, right, top) in mm."""
-        import cv2
-
+    def _window(self, box: Array) -> tuple[Array, Array]:
+        """Grey levels of ours, and darkness on the page, at the pixels of a box (left, bottom, right, top) in mm."""
         left, bottom, right, top = box * DPI / 25.4
         height, width = self.expected.shape
         first, last = max(int(height - top) - 2, 0), min(int(height - bottom) + 3, height)
         start, end = max(int(left) - 2, 0), min(int(right) + 3, width)
         window = self.expected[first:last, start:end]
         rows, columns = np.mgrid[first:last, start:end].reshape(2, -1)
-        dark = self._darkness(rows, columns).reshape(window.shape)
+        return window, self._darkness(rows, columns).reshape(window.shape)
+
+    def differs(self, box: Array, is_line: bool) -> bool:
+        """Tell whether ink of a line or of letters is missing, or more, in a box (left, bottom, right, top) in mm."""
+        import cv2
+
+        window, dark = self._window(box)
         seen = (dark > DARK).astype(np.uint8)
         ink, around = (window < 128).astype(np.uint8), np.ones((3, 3), np.uint8)
         missing = (ink > 0) & (cv2.dilate(seen, around) == 0) & np.isfinite(dark)
         extra = (seen > 0) & (cv2.dilate((window < 230).astype(np.uint8), around, iterations=2) == 0)
         least = LEAST * (DPI / 25.4) ** 2
-        return bool(missing.sum() > max(least, HOLES * ink.sum()) or extra.sum() > least)
+        return bool(missing.sum() > max(least, 0 if is_line else HOLES * ink.sum()) or extra.sum() > least)
+
+    def is_blank(self, box: Array) -> bool:
+        """Tell whether there is little ink in a box with our words."""
+        window, dark = self._window(box)
+        return bool((dark > DARK).sum() < BLANK * (window < 128).sum())
 
 
 def _called(name: str) -> str:
