@@ -97,6 +97,7 @@ def export(
     markers = [plate.marker for body in bodies for plate in body.plates]
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
+    choices = choices.beside([path.name for path in files_among(sources[0])])
     written = save(bodies, outputs, choices, inputs)
     for warning in _warnings(markers, [exporter_of(suffix_of(path, frame), frame) for path in outputs], choices):
         log.warning("%s", warning)

@@ -131,14 +131,6 @@ def paragraph(
     ]
 
 
-def remedy_lines(frame: Frame, lines: Sequence[str], top: float, height: float) -> list[Shape]:
-    """One line per sentence below `top`, each shrunk to fit."""
-    texts: list[Shape] = []
-    for index, line in enumerate(lines):
-        texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
-    return texts
-
-
 def nameless_note(nameless: Sequence[str]) -> tuple[str, ...]:
     """Sentence about dots without room for their numbers."""
     if not nameless:

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from markergen.drawing.paper import MARKER_FILE
 from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, union
 from markergen.errors import InputError
 from markergen.geometry.contour import box as contour_box
@@ -28,12 +29,15 @@ class Figure:
         Color of dots and tag.
     beside : tuple of Shape
         Labels around the outline, mm, marker frame.
+    record : str
+        File name of the marker, for commands.
     """
 
     marker: Marker
     factor: Point = (1.0, 1.0)
     ink: str = "#000000"
     beside: tuple[Shape, ...] = ()
+    record: str = MARKER_FILE
 
     @cached_property
     def dots(self) -> tuple[Disk, ...]:

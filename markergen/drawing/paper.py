@@ -149,6 +149,10 @@ class Frame:
         return self.margin, self.footer, self.right, self.top
 
 
+MARKER_FILE = "marker.json"
+"""File name of a marker where it has none."""
+
+
 @dataclass(frozen=True)
 class SheetOptions:
     """Options of printed sheets; lengths in m.
@@ -168,6 +172,9 @@ class SheetOptions:
         Width of the strip that neighboring tiles both print.
     compensate : bool
         True to draw a marker that was measured on a print (`print_scale`) so that the same printer prints it true.
+    colors : Colors
+    record : str
+        File name of the marker, which the commands on a sheet give.
 
     Raises
     ------
@@ -182,6 +189,7 @@ class SheetOptions:
     overlap: float = 0.010
     compensate: bool = False
     colors: Colors = BLACK_ON_WHITE
+    record: str = MARKER_FILE
 
     def __post_init__(self) -> None:
         if self.orientation not in ("", "portrait", "landscape"):

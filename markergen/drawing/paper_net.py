@@ -116,6 +116,11 @@ def _plate_corners(body: Body, k: int) -> Array:
     return points if area > 0 else points[::-1]
 
 
+def sheet_labels(body: Body) -> list[tuple[Shape, ...]]:
+    """`plate_labels` of all plates at the size that they have on sheets."""
+    return [plate_labels(body, k, edges, 0.9) for k, edges in enumerate(plate_edges(body))]
+
+
 def plate_labels(body: Body, k: int, edges: list[Edge], scale: float) -> tuple[Shape, ...]:
     """Name of a plate below it, and beside each edge the plate that it meets; mm, marker frame."""
     marker = body.plates[k].marker

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
+from shlex import quote
 
 import numpy as np
 
@@ -11,11 +12,11 @@ from markergen.drawing.annotations import (
     Drawn,
     axis_arrows,
     facts,
-    remedy_lines,
+    paragraph,
     title_block,
 )
-from markergen.drawing.figure import quiet_radius
-from markergen.drawing.paper import Frame
+from markergen.drawing.figure import Figure, quiet_radius
+from markergen.drawing.paper import MARKER_FILE, Frame
 from markergen.drawing.scene import (
     FINE,
     Box,
@@ -28,7 +29,7 @@ from markergen.drawing.scene import (
     moved,
     turned,
 )
-from markergen.drawing.text import text
+from markergen.drawing.text import text, written
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.planned_error import planned_error_of
 from markergen.model.rescale import RULERS_MM
@@ -161,17 +162,26 @@ def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[S
     return spans
 
 
-def remedy_words(lengths: tuple[float, float]) -> tuple[str, str]:
-    """Remedy if these lengths of a sheet, in mm, do not measure that: a sentence, and a command."""
-    options = ""
-    for name, length, share in zip("xy", lengths, SHOWN, strict=True):
-        if length:
-            options += f" --measured-{name} {length * share:.1f}mm --nominal-{name} {length:.4g}mm"
-    return (
+def draw_remedy(frame: Frame, lengths: tuple[float, float], record: str, top: float, height: float) -> list[Shape]:
+    """Sentence and command, below `top` and smaller where they do not fit, for lengths in mm that measure otherwise."""
+    lines = (
         "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
         "both lengths and run, for instance:",
-        f"markergen rescale marker.json{options} -o printed.json",
+        rescale_command(record, lengths),
     )
+    texts: list[Shape] = []
+    for index, line in enumerate(lines):
+        texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
+    return texts
+
+
+def rescale_command(record: str, lengths: tuple[float, float] | None = None) -> str:
+    """Command for lengths in mm, or for a table of the dots, with a file's name if the sheet has letters for it."""
+    options = "" if lengths else " --measured-points dots.csv"
+    for name, length, share in zip("xy", lengths or (0.0, 0.0), SHOWN, strict=True):
+        if length:
+            options += f" --measured-{name} {length * share:.1f}mm --nominal-{name} {length:.4g}mm"
+    return f"markergen rescale {quote(record) if written(record) == record else MARKER_FILE}{options} -o printed.json"
 
 
 @dataclass(frozen=True)
@@ -255,8 +265,7 @@ def ruler_words(rulers: tuple[int, int]) -> str:
 
 def draw_footer(
     frame: Frame,
-    markers: Sequence[Marker],
-    factor: Point,
+    figures: Sequence[Figure],
     taken: Mapping[str, Sequence[Shape]],
     page: tuple[int, int],
     where: str = "",
@@ -265,10 +274,8 @@ def draw_footer(
 
     Parameters
     ----------
-    markers : sequence of Marker
-        Those on the page.
-    factor : (x, y)
-        Ratio of drawn to nominal lengths.
+    figures : sequence of Figure
+        Those on the page, drawn at one scale.
     taken : mapping of str to shapes
         Layers of what is on the page already.
     page : (number, total)
@@ -276,6 +283,7 @@ def draw_footer(
         Words that say which of the markers the lengths to measure are in.
     """
     scale, left, base = frame.scale, frame.margin, frame.ruler_y
+    markers, factor = [figure.marker for figure in figures], figures[0].factor
     axes_marks, axes_text = axis_arrows(frame)
     room = frame.width - 24 * scale
     x_length = next((length for length in RULERS_MM if length * factor[0] <= room), RULERS_MM[-1])
@@ -300,7 +308,8 @@ def draw_footer(
         pair.between if name in short_rulers(markers[0], lengths) and (pair := _along(markers[0], axis)) else length
         for axis, (name, length) in enumerate(zip("xy", lengths, strict=True))
     ]
-    remedy = remedy_lines(frame, remedy_words((straight[0], straight[1])), frame.block_top + 7.6 * scale, 1.6 * scale)
+    measured, top = (straight[0], straight[1]), frame.block_top + 7.6 * scale
+    remedy = draw_remedy(frame, measured, figures[0].record, top, 1.6 * scale)
     lines = facts(frame, measured_columns(markers[0], lengths, where), frame.checks_y, "check")
     block_marks, block_text = title_block(frame, markers, factor, page)
     layers: dict[str, tuple[Shape, ...]] = {

@@ -22,7 +22,7 @@ from markergen.drawing.annotations import nameless_note, paragraph
 from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure, compensated_note, dot_sizes, drawn_box, is_disk, size_words
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
-from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
+from markergen.drawing.paper import ISO, MARKER_FILE, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
 from markergen.drawing.print_measurements import (
     AIR,
     BAND,
@@ -218,15 +218,18 @@ class _Reach:
 def _figure(marker: Marker, options: SheetOptions) -> Figure:
     """Figure to draw: the marker as designed, regardless of measurements on a print; larger if the printer shrinks."""
     sx, sy = marker.print_scale
+    design = marker.as_designed
+    # What was measured is not measured again: the file that was designed is.
+    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), options.record if design is marker else MARKER_FILE)
     if not options.compensate:
-        return Figure(marker.as_designed, ink=options.colors.ink)
+        return figure
     if sx == sy == 1:
         raise InputError(
             "a marker that was measured on a print, to compensate for its printer",
             "a print scale of 1",
             "run markergen rescale with --measured-x and --measured-y first",
         )
-    return Figure(marker.as_designed, (1 / sx, 1 / sy), options.colors.ink)
+    return replace(figure, factor=(1 / sx, 1 / sy))
 
 
 _Place = tuple[Frame, Point] | Tiling
@@ -326,7 +329,7 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
     room = left - x, bottom - y, right - x, top - y
     artwork = draw_artwork(figure, options.colors, frame.scale, room)
     placed = moved_layers(artwork.layers, x, y)
-    below, lengths = draw_footer(frame, [figure.marker], figure.factor, placed, page)
+    below, lengths = draw_footer(frame, [figure], placed, page)
     size = size_words(figure.marker.boundary)
     paper = frame.paper
     return Sheet(
@@ -453,17 +456,16 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
         nameless += [f"{dot} of marker {index + 1} on page {page[0]}" for dot in artwork.nameless]
         about += artwork.notes
     merged = {name: tuple(shape for figure_layers in layers for shape in figure_layers[name]) for name in layers[0]}
-    markers = [figure.marker for figure in figures]
-    alike = all(marker.control_points == markers[0].control_points for marker in markers)
-    where = " of each" if alike else " of the first"
-    below, lengths = draw_footer(frame, markers, figures[0].factor, merged, page, where)
+    points = [figure.marker.control_points for figure in figures]
+    where = " of each" if all(dots == points[0] for dots in points) else " of the first"
+    below, lengths = draw_footer(frame, figures, merged, page, where)
     paper = frame.paper
     return Sheet(
         paper,
         scene_of([merged, below]),
         tuple(grid.origin(index) for index in range(len(figures))),
         lengths,
-        marker_name(markers[0]),
+        marker_name(figures[0].marker),
         f"{len(figures)} fiducial markers, page {page[0]} of {page[1]}, at true size on {paper}. Print at 100 %.",
         (*nameless_note(nameless), *dict.fromkeys(about)),
         (0.0, 0.0, paper.width, paper.height),

@@ -18,7 +18,6 @@ from markergen.drawing.annotations import (
     facts,
     nameless_note,
     paragraph,
-    remedy_lines,
     scale_column,
     tag_column,
     title_block,
@@ -27,7 +26,15 @@ from markergen.drawing.colors import BLACK_ON_WHITE
 from markergen.drawing.figure import Figure, compensated_note, is_disk, quiet_radius, size_words
 from markergen.drawing.marker_artwork import TICK, cut_lines, draw_artwork, ground_box
 from markergen.drawing.paper import Frame, SheetOptions
-from markergen.drawing.print_measurements import AIR, BAND, far_pair, place_ruler, remedy_words, ruler_words
+from markergen.drawing.print_measurements import (
+    AIR,
+    BAND,
+    draw_remedy,
+    far_pair,
+    place_ruler,
+    rescale_command,
+    ruler_words,
+)
 from markergen.drawing.scene import (
     BLACK,
     FINE,
@@ -542,7 +549,7 @@ def _strip(
         sides, 1, band_scale, figure.factor[1], dots, [*others, *ground], "ruler-y"
     )
     lengths = (x_length, y_length)
-    remedy = remedy_lines(frame, remedy_words(lengths), base - 1.7 * scale, 1.4 * scale)
+    remedy = draw_remedy(frame, lengths, figure.record, base - 1.7 * scale, 1.4 * scale)
     columns = facts(frame, _facts(figure, tiles, tile, lengths, seams, page), frame.margin, "tile")
     return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *remedy, *columns)}, lengths
 
@@ -746,8 +753,8 @@ def _words(figure: Figure, tiles: Tiling, first: int) -> list[str]:
     if lengths:
         steps.append(
             f"Measure across the seams, before the glue is dry: {'; '.join(lengths)}. Move the tiles until this is so "
-            "within 0.2 mm. Or measure the dots as they are and use them: markergen rescale marker.json "
-            "--measured-points dots.csv -o printed.json"
+            "within 0.2 mm. Or measure the dots as they are and use them: "
+            f"{rescale_command(figure.record)}"
         )
     return steps
 

@@ -53,6 +53,10 @@ class ExportOptions:
     def __post_init__(self) -> None:
         check_dpi(self.dpi)
 
+    def beside(self, records: Sequence[str]) -> "ExportOptions":
+        """Options of sheets whose commands name the first of these files of a marker, if there is one."""
+        return replace(self, sheet=replace(self.sheet, record=records[0])) if records else self
+
 
 @dataclass(frozen=True)
 class Output:

@@ -250,6 +250,9 @@ def _several(body: Body, reading: Reading, tolerance: float) -> Check:
     places = _on_pages(body.plates, reading, tolerance)
     if not places:
         return _none_found(body, reading, tolerance)
+    from markergen.drawing.paper_net import sheet_labels
+
+    labels = sheet_labels(body)
     findings, notes, checks = list[Finding](), list[str](), dict[str, Check]()
     for k, plate in enumerate(body.plates):
         if k not in places:
@@ -257,7 +260,7 @@ def _several(body: Body, reading: Reading, tolerance: float) -> Check:
             continue
         number = places[k].page
         neighbors = [place.dots for j, place in places.items() if place.page == number and j != k]
-        page = _without(reading.pages[number], neighbors)
+        page = replace(_without(reading.pages[number], neighbors), labels=labels[k])
         check = checks[plate.name] = best_check(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
         # In a net the outlines are folds, in dashes.
         judged = [finding for finding in check.findings if not neighbors or finding.kind != "outline"]

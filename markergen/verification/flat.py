@@ -115,7 +115,7 @@ def flat_findings(
             strange &= strays(_to_marker(to_cut, motion, factor), pieces, misplaced=bool(lines))
             sought = True
         if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (verdict.findings or flaws):
-            flaws = printed_findings(marker, factor != (1.0, 1.0), page.size, page.picture, motion, len(crowd) > 0)
+            flaws = printed_findings(marker, factor != (1.0, 1.0), page, motion, len(crowd) > 0)
         judged.append(replace(verdict, findings=(*verdict.findings, *flaws)))
     if page.lines is None and page.picture is not None and page.picture.bilevel:
         notes["a picture in black and white alone, which may lack grey lines to cut"] = None

@@ -14,21 +14,22 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
 from markergen.drawing.paper import PAPERS, SheetOptions
-from markergen.drawing.scene import Line, Sheet, bounds
+from markergen.drawing.scene import Box, Line, Shape, Sheet, bounds
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
 from markergen.verification.lines import sheet_lines
 from markergen.verification.picture import PagePicture
+from markergen.verification.reading import Page
 from markergen.verification.words import REMOVE, Finding
 
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""
 
 MEASURED, HOW = r"ruler|check-(?!plan)|number-|ax[ei]s", "remedy"
-"""Names of the shapes that users measure, and of those that say how; the rest may differ by the version that printed it,
-and so may what is said how, which also names a file: it must be there."""
+"""Names of the shapes that users measure, and of those that say how: these must be there, but name a file, and differ,
+as the rest may, by the version that printed it."""
 
 DARK, LEAST = 0.3, 0.2
 """Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
@@ -38,7 +39,7 @@ HOLES = 0.03
 and at 0.03 no digit may. Lines have none: 0.03 of a ruler is 4 mm."""
 
 BLANK = 0.5
-"""Share of the ink of our words below which there are none: other words have 0.9 to 1.1 of it, a file of a long name 0.7."""
+"""Share of the ink of our words below which there are none: other versions have 0.9 to 1.1 of it."""
 
 SPARSE, FINE = 2, 0.1
 """Pixels from one place to the next that is looked at inside of the outline, and accuracy in mm of this."""
@@ -58,7 +59,9 @@ Motion = tuple[Array, Array]
 
 
 @lru_cache(maxsize=2)
-def _own(marker: Marker, size: tuple[float, float], compensate: bool) -> tuple[Sheet, NDArray[np.uint8]] | None:
+def _own(
+    marker: Marker, size: tuple[float, float], compensate: bool, labels: tuple[Shape, ...] = ()
+) -> tuple[Sheet, NDArray[np.uint8]] | None:
     """Our sheet of a marker on paper of that size in mm, and its picture; None if it does not fit."""
     import cv2
 
@@ -67,43 +70,38 @@ def _own(marker: Marker, size: tuple[float, float], compensate: bool) -> tuple[S
     names = [name for name, paper in PAPERS.items() if np.allclose((paper.width, paper.height), size, atol=0.05)]
     paper = names[0] if names else f"{size[0]:.6g}x{size[1]:.6g}mm"
     try:
-        (sheet,) = pages_for([marker], SheetOptions(paper, tile=False, compensate=compensate))
+        options = SheetOptions(paper, tile=False, compensate=compensate)
+        (sheet,) = pages_for([marker], options, [labels] if labels else ())
     except InputError:
         return None
     picture = cv2.imdecode(np.frombuffer(write_png(sheet, DPI), np.uint8), cv2.IMREAD_GRAYSCALE)
     return sheet, np.asarray(picture, dtype=np.uint8)
 
 
-def printed_findings(
-    marker: Marker,
-    compensate: bool,
-    size: tuple[float, float] | None,
-    picture: PagePicture,
-    motion: Motion,
-    has_others: bool,
-) -> list[Finding]:
+def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motion, has_others: bool) -> list[Finding]:
     """Findings about what is measured and read on a page with one marker.
 
     Parameters
     ----------
     compensate : bool
         True if it is drawn for the printer that it was measured on.
-    size : (width, height) or None
-        Of the page, mm.
+    page : Page
+        Page with a picture.
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
     has_others : bool
         True if there are other dots, which are reported by themselves and have numbers.
     """
-    sheet_of_ours = _own(marker, size, compensate) if size is not None else None
-    if sheet_of_ours is None:
+    sheet_of_ours = _own(marker, page.size, compensate, page.labels) if page.size is not None else None
+    if sheet_of_ours is None or page.picture is None:
         return []
-    sheet, expected = sheet_of_ours
+    (sheet, expected), picture = sheet_of_ours, page.picture
     origin = np.array(sheet.origins_mm[0])
     wanted = _Page(expected, lambda points: (points - origin) @ motion[0].T + motion[1], picture)
     shares = {layer: wanted.share(_around(sheet, expected, (layer,))) for layer in AROUND}
     if max(shares.values()) < OURS:
         return []
+    rooms = _rooms(sheet)
     changed = [
         shape.name
         for name in AROUND
@@ -111,8 +109,8 @@ def printed_findings(
         for shape in sheet.scene[name]
         if (isinstance(shape, Line) or not (picture.bilevel or picture.grain > COARSE))
         and (
-            (match(MEASURED, shape.name) and wanted.differs(np.array(bounds(shape)), isinstance(shape, Line)))
-            or (match(HOW, shape.name) and wanted.is_blank(np.array(bounds(shape))))
+            (match(MEASURED, shape.name) and wanted.differs(shape, rooms.get(shape.name)))
+            or (match(HOW, shape.name) and wanted.is_blank(shape))
         )
     ]
     called = dict.fromkeys(_called(name) for name in changed)
@@ -123,6 +121,23 @@ def printed_findings(
         sentence = f"there is ink inside of the outline that is not the marker's, around x {x:.4g}, y {y:.4g} mm"
         findings.append(Finding("extra", sentence, REMOVE))
     return findings
+
+
+def _rooms(sheet: Sheet) -> dict[str, tuple[float, float]]:
+    """Where along x, mm, the columns of lengths to measure may stand: closer or wider apart by what others say.
+
+    Half the way to the next column, so that none is taken for another.
+    """
+    shapes = [shape for shape in sheet.scene["text"] if shape.name.startswith("check-")]
+    slugs = [shape.name.split("-")[1] for shape in shapes]
+    boxes = np.array([bounds(shape) for shape in shapes]).reshape(-1, 4)
+    lefts = np.unique([min(boxes[k, 0] for k in range(len(slugs)) if slugs[k] == slug) for slug in slugs])
+    limits = np.array([0.0, *(lefts[1:] + lefts[:-1]) / 2, np.inf])
+    rooms = {}
+    for shape, (left, _, right, _) in zip(shapes, boxes, strict=True):
+        column = int(np.searchsorted(limits, left, side="right"))
+        rooms[shape.name] = (float(limits[column - 1]), float(min(limits[column] + right - left, sheet.paper.width)))
+    return rooms
 
 
 def _inside(marker: Marker, origin: Array, shape: tuple[int, ...]) -> Mask:
@@ -192,31 +207,43 @@ class _Page:
         is_dark = self._darkness(rows, columns) > DARK
         return np.column_stack([columns, len(self.expected) - rows])[is_dark] * 25.4 / DPI
 
-    def _window(self, box: Array) -> tuple[Array, Array]:
-        """Grey levels of ours, and darkness on the page, at the pixels of a box (left, bottom, right, top) in mm."""
-        left, bottom, right, top = box * DPI / 25.4
+    def _window(self, box: Box, aside: int = 0) -> tuple[NDArray[np.uint8], Array]:
+        """Grey levels of ours in a box in mm, and darkness on the page there, or some pixels to the right of it."""
+        left, bottom, right, top = np.array(box) * DPI / 25.4
         height, width = self.expected.shape
         first, last = max(int(height - top) - 2, 0), min(int(height - bottom) + 3, height)
         start, end = max(int(left) - 2, 0), min(int(right) + 3, width)
         window = self.expected[first:last, start:end]
         rows, columns = np.mgrid[first:last, start:end].reshape(2, -1)
-        return window, self._darkness(rows, columns).reshape(window.shape)
+        return window, self._darkness(rows, columns + aside).reshape(window.shape)
 
-    def differs(self, box: Array, is_line: bool) -> bool:
-        """Tell whether ink of a line or of letters is missing, or more, in a box (left, bottom, right, top) in mm."""
+    def _aside(self, box: Box, room: tuple[float, float]) -> int:
+        """Pixels to the right of a box, within a room along x in mm, where the page shows best what ours has in it."""
         import cv2
 
-        window, dark = self._window(box)
+        ours = (self._window(box)[0] < 128).astype(np.float32)
+        wide = (room[0], box[1], room[1], box[3])
+        fit = cv2.matchTemplate(np.nan_to_num(self._window(wide)[1]).astype(np.float32), ours, cv2.TM_CCORR_NORMED)
+        starts = [max(int(side * DPI / 25.4) - 2, 0) for side in (room[0], box[0])]
+        return int(fit[0].argmax()) + starts[0] - starts[1]
+
+    def differs(self, shape: Shape, room: tuple[float, float] | None) -> bool:
+        """Tell whether ink of a shape is missing, or more, in its place, or anywhere in a room along x in mm."""
+        import cv2
+
+        box = bounds(shape)
+        window, dark = self._window(box, 0 if room is None else self._aside(box, room))
         seen = (dark > DARK).astype(np.uint8)
         ink, around = (window < 128).astype(np.uint8), np.ones((3, 3), np.uint8)
         missing = (ink > 0) & (cv2.dilate(seen, around) == 0) & np.isfinite(dark)
         extra = (seen > 0) & (cv2.dilate((window < 230).astype(np.uint8), around, iterations=2) == 0)
         least = LEAST * (DPI / 25.4) ** 2
-        return bool(missing.sum() > max(least, 0 if is_line else HOLES * ink.sum()) or extra.sum() > least)
+        most = max(least, 0.0 if isinstance(shape, Line) else HOLES * float(ink.sum()))
+        return bool(missing.sum() > most or extra.sum() > least)
 
-    def is_blank(self, box: Array) -> bool:
-        """Tell whether there is little ink in a box with our words."""
-        window, dark = self._window(box)
+    def is_blank(self, shape: Shape) -> bool:
+        """Tell whether there is little ink where our words are."""
+        window, dark = self._window(bounds(shape))
         return bool((dark > DARK).sum() < BLANK * (window < 128).sum())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.drawing.scene import Shape
 from markergen.errors import InputError
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
@@ -79,6 +80,8 @@ class Page:
         What shows but is not read, such as text and images, and boxes that hold it, mm; nan if these are unknown.
     engraved : array (k, 2, 2) or None
         Lines to engrave as straight pieces, mm, in formats that have them.
+    labels : tuple of Shape
+        Words that our sheet has beside the outline, mm, marker frame: those of a plate of several.
     """
 
     circles: Array
@@ -93,6 +96,7 @@ class Page:
     hidden: tuple[str, ...] = ()
     unread: tuple[tuple[str, Array], ...] = ()
     engraved: Array | None = None
+    labels: tuple[Shape, ...] = ()
 
     @property
     def measured(self) -> bool:

@@ -60,6 +60,9 @@ FINE, FINEST = 200, 100_000
 CHORDS = 2e-3
 """This distance in mm between these ratios: less than what is tolerated of a circle."""
 
+CSS_PIXEL = 25.4 / 96
+"""Size in mm of a pixel of CSS."""
+
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
 """Elements by which a browser shows something else than a picture of the file."""
 _AT_ENDS = re.compile(rb"\bmarker(?:-start|-mid|-end)?\s*[=:]\s*[\"']?\s*url\b")
@@ -116,7 +119,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 corners.append(points)
     root = parse_svg(file)
     size = _size(root.get("width"), root.get("height"))
-    box = _shown(root.get("viewBox"), size, scale)
+    box = _drawn(_shown(root.get("viewBox"), size, scale))
     is_cut = np.array(cut, dtype=np.bool_)
     page = Page(
         circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
@@ -176,6 +179,15 @@ def _shown(view_box: str | None, size: tuple[float, float] | None, scale: float)
     wide, high = (max(both) - inner for both, inner in zip(zip((width, height), size, strict=True), (width, height),
                                                        strict=True))  # fmt: skip
     return np.array([x - wide / 2, -y - height - high / 2, x + width + wide / 2, -y + high / 2])
+
+
+def _drawn(box: Array) -> Array:
+    """Part of the page that a picture by resvg shows, which has a whole number of pixels of CSS."""
+    sides = box[2:] - box[:2]
+    if not np.isfinite(sides).all():
+        return box
+    whole = np.round(sides / CSS_PIXEL) * CSS_PIXEL
+    return np.array([box[0], box[3] - whole[1], box[0] + whole[0], box[3]])
 
 
 # --- Styles -----------------------------------------------------------------------------------------------------------

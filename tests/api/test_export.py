@@ -15,8 +15,8 @@ from markergen.model.substrate import Substrate
 
 
 def test_it_writes_what_the_engine_does(pentagon, tmp_path):
-    (tmp_path / "m.json").write_bytes(to_json(pentagon))
-    sources = [pentagon, tmp_path / "m.json", str(tmp_path / "m.json")]
+    (tmp_path / "marker.json").write_bytes(to_json(pentagon))
+    sources = [pentagon, tmp_path / "marker.json", str(tmp_path / "marker.json")]
     for k, source in enumerate(sources):
         written = export(source, tmp_path / f"{k}.svg", str(tmp_path / f"{k}.dxf"))
         assert [file.path.name for file in written] == [f"{k}.svg", f"{k}.dxf"]

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sentences import sentence
 
-from markergen.drawing.print_measurements import BAND, far_pair, place_ruler, remedy_words, ruler, short_rulers
+from markergen.drawing.print_measurements import BAND, far_pair, place_ruler, rescale_command, ruler, short_rulers
 from markergen.drawing.scene import Disk, Line, bounds
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint
@@ -47,11 +47,17 @@ def test_no_pair_no_length():
 
 
 def test_the_command_states_the_length_of_every_ruler():
-    assert remedy_words((200, 150))[1] == (
-        "markergen rescale marker.json --measured-x 198.6mm --nominal-x 200mm --measured-y 149.3mm --nominal-y 150mm "
+    assert rescale_command("plate.json", (200, 150)) == (
+        "markergen rescale plate.json --measured-x 198.6mm --nominal-x 200mm --measured-y 149.3mm --nominal-y 150mm "
         "-o printed.json"
     )
-    assert "measured-y" not in remedy_words((150, 0))[1]
+    assert "measured-y" not in rescale_command("plate.json", (150, 0))
+    assert "--measured-points" in rescale_command("plate.json")
+
+
+def test_the_command_has_a_name_that_a_shell_reads_and_the_sheet_has_letters_for():
+    assert "rescale 'my plate.json' -" in rescale_command("my plate.json", (200, 150))
+    assert "rescale marker.json -" in rescale_command("\u677f.json", (200, 150))
 
 
 def test_a_short_ruler_names_the_scale_it_proves_and_longer_distances(make_ngon):

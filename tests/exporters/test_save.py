@@ -26,6 +26,15 @@ def test_each_path_in_the_format_of_its_suffix_with_notes(make_ngon, tmp_path):
     assert read_marker(paths[2]) == marker
 
 
+def test_a_sheet_names_the_file_of_its_marker(make_ngon, tmp_path):
+    marker, names = make_ngon(5, 0.05, 0.012), []
+    for record in ("marker.json", "plate.json"):
+        save(marker, [tmp_path / "sheet.svg", tmp_path / record])
+        names.append((tmp_path / "sheet.svg").read_text())
+    save(marker, [tmp_path / "sheet.svg"])
+    assert (tmp_path / "sheet.svg").read_text() == names[0] != names[1]
+
+
 def test_paper_is_passed_on(make_ngon, tmp_path):
     save(make_ngon(5, 0.05, 0.01), [tmp_path / "m.svg"], ExportOptions(SheetOptions(paper="letter")))
     assert b'width="215.9mm" height="279.4mm"' in (tmp_path / "m.svg").read_bytes()

@@ -2,16 +2,19 @@
 
 import base64
 import re
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from damaged_sheets import DPI, grey
 
+import markergen as mg
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.verification import verify
 
+INPUTS = Path(__file__).parents[1] / "golden/inputs"
 SUFFIXES = (".svg", ".png", ".pdf")
 
 
@@ -42,6 +45,7 @@ def moved(name, by):
 
 CHANGES = {
     "a ruler that ends sooner": lambda text: re.sub(r'(id="ruler" points="\S+ )(\d+)', r"\g<1>90", text),
+    "a ruler's line of another scale": lambda text: text.replace('id="ruler"', 'id="ruler" transform="scale(.98 1)"'),
     "a ruler of another scale": lambda text: re.sub(r'(id="ruler[-\d]*")', r'\1 transform="scale(.98 1)"', text),
     "ticks elsewhere": moved(r"ruler-y-\d+", "0 .7"),
     "a number elsewhere": moved("ruler-number-50", "50 0"),
@@ -62,6 +66,22 @@ def test_what_is_measured_is_looked_at(marker, sheets, tmp_path, name):
     assert changed != text
     check = check_of(marker, tmp_path, ".svg", changed.encode())
     assert {finding.kind for finding in check.findings} == {"marks"}, check.findings
+
+
+def test_columns_may_stand_elsewhere_and_words_may_be_others(marker, sheets, tmp_path):
+    text = moved(r"check-y[-\w]*", "-12 0")(moved(r"check-rulers[-\w]*", "-20 0")(sheets[".svg"].decode()))
+    text = moved(r"remedy-1-0", "3 0")(text)
+    assert check_of(marker, tmp_path, ".svg", text.encode()).passed
+    assert not check_of(marker, tmp_path, ".svg", moved("check-x-0", "0 4")(text).encode()).passed
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
+def test_plates_of_a_rig_with_their_names_pass(tmp_path, suffix):
+    rig = mg.Rig.load(INPUTS / "cube.json")
+    save(rig, [tmp_path / f"cube{suffix}"])
+    # The page of the SVG has a fraction of a pixel, and rings far from where resvg begins to count.
+    check = verify(rig, tmp_path / f"cube{suffix}")
+    assert check.passed, check.findings
 
 
 BLACK = base64.b64encode(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()).decode()

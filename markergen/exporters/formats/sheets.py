@@ -72,11 +72,10 @@ def _page(bodies: Sequence["Marker | Rig"], options: ExportOptions, suffix: str)
 
 def _labeled(bodies: Sequence["Marker | Rig"]) -> tuple[list["Marker"], list[tuple[Shape, ...]]]:
     """Markers of all plates, and the names and neighbors of those of a rig, to print beside them."""
-    from markergen.drawing.paper_net import plate_edges, plate_labels
+    from markergen.drawing.paper_net import sheet_labels
 
     markers = [plate.marker for body in bodies for plate in body.plates]
-    rigs = [body for body in bodies if body.frame == "rig"]
-    return markers, [plate_labels(rig, k, edges, 0.9) for rig in rigs for k, edges in enumerate(plate_edges(rig))]
+    return markers, [labels for body in bodies if body.frame == "rig" for labels in sheet_labels(body)]
 
 
 EXPORTERS.register(".pdf")(
