@@ -162,6 +162,12 @@ def test_summary_is_some_ten_lines(both, two_markers, nominal):
         assert all("  " not in line and "nan" not in line for line in lines)
 
 
+def _with_misfit(found, design, factor):
+    """A calibration whose residuals are larger than noise by a factor, with the design's left-out residuals."""
+    adjustment = replace(found.adjustment, chi2=factor * found.adjustment.degrees_of_freedom)
+    return replace(found, adjustment=adjustment, cross_validation=replace(found.cross_validation, nominal=design))
+
+
 def test_verdict_says_what_to_do(both, two_markers, nominal):
     cross, halves = both.cross_validation, both.halves
     assert isinstance(cross, CrossValidation)
@@ -172,9 +178,9 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert "with care" in verdict_sentence(replace(both, halves=replace(halves, chance=1e-4)))
     gain = replace(cross.gain, low=0.9, high=1.2)
     doubtful = replace(agreeing, cross_validation=replace(cross, gain=gain))
-    assert verdict_sentence(doubtful).startswith(sentence("not yet") + ": it " + sentence("no better", ""))
+    assert verdict_sentence(doubtful).startswith(sentence("not yet") + " not significantly better")
     worse = replace(doubtful, cross_validation=replace(cross, gain=replace(gain, low=0.5, high=0.8)))
-    assert "worse than" in verdict_sentence(worse)
+    assert verdict_sentence(worse).startswith(sentence("not yet") + " worse")
     unjudged = replace(agreeing, cross_validation=NotJudged("too few"), halves=NotJudged("too few"))
     assert "too few photographs" in verdict_sentence(unjudged)
     assert verdict_sentence(replace(both, after=both.before)).startswith(sentence("use measured") + ": it predicts")
@@ -192,6 +198,9 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     as_designed = replace(agreeing, cross_validation=replace(cross, gain=gain, nominal=exact, refitted=None))
     assert verdict_sentence(as_designed).startswith(sentence("use measured") + " or the design")
     assert as_designed.to_use
+    noisy = replace(exact, chi2=15 * exact.degrees_of_freedom)
+    assert verdict_sentence(_with_misfit(as_designed, noisy, 8.0)).startswith(sentence("use measured") + " or the")
+    assert verdict_sentence(_with_misfit(as_designed, noisy, 1.0)).startswith(sentence("not yet"))
     kept = replace(doubtful, after=both.before)
     assert [each.to_use for each in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
         False

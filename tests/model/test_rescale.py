@@ -5,9 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markergen.detect import Detector
 from markergen.errors import InputError
 from markergen.model.body_json import from_json, to_json
-from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, exchanged, remeasure, rescale_body
+from markergen.model.rescale import (
+    RULERS_MM,
+    MeasuredDot,
+    Rulers,
+    exchanged,
+    misfit_words,
+    photographed,
+    remeasure,
+    rescale_body,
+)
 
 
 def again(marker):
@@ -207,3 +217,13 @@ def test_mirrored_measurements_are_told(make_marker):
     with pytest.raises(InputError, match="mirrored"):
         remeasure(skew, down)
     assert len(remeasure(skew, down, force=True)[0]) == 4
+
+
+@pytest.mark.parametrize(("factor", "is_doubted"), [(1.4, False), (7.35, True)])
+def test_photographs_that_fit_worse_than_their_noise_are_named(make_ngon, factor, is_doubted):
+    marker = make_ngon(4, 0.05, 0.012)
+    assert misfit_words(marker) == ""
+    ids = [point.id for point in marker.control_points]
+    measured = photographed(marker, ids, marker.xyz, np.eye(12) * 1e-12, {"variance_factor": factor})
+    assert bool(misfit_words(measured)) == is_doubted
+    assert Detector(measured).note.endswith("than claimed") == is_doubted

@@ -34,7 +34,7 @@ SENTENCES = {
     "recesses": "recesses for printed dots with {} of room around them, and no dots",
     # Verdicts of calibrate
     "use measured": "Use the measured marker",
-    "not yet": "Do not use the measured marker yet",
+    "not yet": "Keep the marker as designed: left-out photographs are predicted",
     "no better": "does not predict left-out photographs significantly better than {}",
     "few photographs": "{} photographs are too few for leaving some out",
     "variance left": "The variance that is left comes from image noise ({}), the print ({}).",
