@@ -19,6 +19,16 @@ SECONDS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
 
+def with_point(text: object) -> str:
+    """Return a length with a decimal comma as it is written with a point; empty for any other text.
+
+    >>> with_point("8,5cm"), with_point("8.5cm")
+    ('8.5cm', '')
+    """
+    pointed = str(text).replace(",", ".")
+    return pointed if pointed != str(text) and _LENGTH.fullmatch(pointed) else ""
+
+
 def parse_length(text: str | float, name: str = "length", largest: float = LARGEST_LENGTH) -> float:
     """Parse a length such as ``0.15``, ``150mm`` or ``6in`` and return meters; a bare number is in meters.
 
@@ -35,12 +45,11 @@ def parse_length(text: str | float, name: str = "length", largest: float = LARGE
     match = _LENGTH.fullmatch(str(text))
     units = ", ".join(unit for unit in METERS if unit)
     if match is None or match[2] not in METERS:
-        pointed = str(text).replace(",", ".")
-        comma = pointed != str(text) and _LENGTH.fullmatch(pointed)
+        pointed = with_point(text)
         raise InputError(
             "a length" if name == "length" else f"a length for {name}",
             repr(str(text)),
-            f"write a point: {pointed}" if comma else f"write a number and one of {units} (a bare number is meters)",
+            f"write a point: {pointed}" if pointed else f"write a number and one of {units} (a bare number is meters)",
         )
     try:
         value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))

@@ -308,7 +308,7 @@ class Spec:
     def _settle_noise_model(self) -> None:
         # Normalized here, so that equivalent specs are equal and have the same hash.
         if not self.noise_model:
-            image = self.dot == "auto" or self.n == AUTO
+            image = self.dot == "auto" or self.n == AUTO or self.print_sigma > 0
             object.__setattr__(self, "noise_model", "image" if image else "point")
         if self.noise_model not in NOISE_MODELS:
             raise InputError("a known noise model", repr(self.noise_model), f"known: {', '.join(NOISE_MODELS)}")

@@ -23,6 +23,12 @@ FAMILIES: dict[str, str] = {
 Its AprilTags are the official ones turned by 180 degrees, every tag of every family.
 """
 
+_IN_SHORT = (
+    "aruco:DICT_4X4_50 to aruco:DICT_7X7_1000", "aruco:DICT_ARUCO_ORIGINAL", "aruco:DICT_ARUCO_MIP_36H12",
+    "apriltag:16h5", "apriltag:25h9", "apriltag:36h10", "apriltag:36h11",
+)  # fmt: skip
+"""`FAMILIES` for those who have named none of them."""
+
 _BITS_AND_COUNT: dict[str, tuple[int, int]] = {
     **{f"aruco:DICT_{name}": (int(name[0]), int(name.rpartition("_")[2])) for name in _ARUCO},
     "aruco:DICT_ARUCO_ORIGINAL": (5, 1024),
@@ -289,7 +295,9 @@ def to_plane(corners: Array, columns: int, rows: int, scale: float) -> Array:
 def _known(family: str) -> tuple[int, int]:
     """Return bits along a side and number of tags of a family; raises InputError if it is unknown."""
     if family not in FAMILIES:
-        raise InputError("a known family of tags", repr(family), among(family, FAMILIES, cutoff=0.5))
+        raise InputError(
+            "a known family of tags such as aruco:DICT_4X4_50", repr(family), among(family, FAMILIES, _IN_SHORT, 0.5)
+        )
     return _BITS_AND_COUNT[family]
 
 

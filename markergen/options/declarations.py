@@ -148,7 +148,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             VIEW,
             "point: 1 px for every dot; image: predicted from the image of each dot in each pose.",
-            otherwise="point",
+            otherwise="point; image with --print-sigma, --dot auto, --n auto and --target",
             metavar="NAME",
         ),
     ]
@@ -166,7 +166,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Length,
         Option(
             VIEW,
-            "Standard deviation of a printed dot's position along each axis, for --noise-model image and --dot auto.",
+            "Standard deviation of a printed dot's position along each axis.",
             otherwise=f"0mm; {PRINT_SIGMA_TEXT} with --n auto and --target",
         ),
     ]

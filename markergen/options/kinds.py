@@ -12,7 +12,7 @@ from types import FunctionType, MethodType
 from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from markergen.errors import InputError
-from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH, parse_duration, parse_length
+from markergen.units import LARGEST_LENGTH, SMALLEST_LENGTH, parse_duration, parse_length, with_point
 
 Reader = Callable[[Any, str], Any]
 """Returns a value of a name as converted, or raises an error with only the expected part filled in."""
@@ -158,7 +158,8 @@ def _length(value: Any, name: str) -> float:
     except InputError:
         meters = math.nan
     if not math.isfinite(meters):
-        raise _wrong("a length such as 0.15 or '150mm'")
+        pointed = with_point(value)
+        raise _wrong(f"write a point: {pointed}" if pointed else "a length such as 0.15 or '150mm'")
     # Standard deviations may be as small as they like.
     if abs(meters) > LARGEST_LENGTH or (0 < abs(meters) < SMALLEST_LENGTH and "sigma" not in name):
         raise _wrong("a length of 1 um to 1 km")

@@ -184,6 +184,7 @@ def look(options: Any) -> dict[str, Any]:
     return {"options": _with_points(state, spec), "dots": _dots(layout.marker)} | clean(
         {
             "start": layout.start,
+            "print_sigma": layout.sources.print_sigma,
             "room": _room(spec),
             "clearance": layout.region.clearance,
             "problems": [{"dots": list(fault.dots), "line": fault.words} for fault in layout.faults],
@@ -319,7 +320,8 @@ def more(options: Any) -> dict[str, Any]:
             "table": criteria_table(design.criteria, len(design.marker), design.setting.noise_words)._asdict(),
             "more_dots": _more_dots(layout),
             "beside": _beside(layout, design),
-            "advice": [*design.outlook.splitlines(), *design.warnings],
+            "advice": design.outlook.splitlines(),
+            "warnings": design.warnings,
         }
     )
 

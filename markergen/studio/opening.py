@@ -41,11 +41,18 @@ NOT_OPTIONS = ("title", "substrate", "target", "n")
 def uploaded(name: str, data: bytes) -> Iterator[Path]:
     """Yield the path of a file with these bytes, for readers that take one; errors name the file as its sender does."""
     last = re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip(". ") or "file"
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / last
+    with nameless_folder() as folder:
+        path = folder / last
         path.write_bytes(data)
+        yield path
+
+
+@contextmanager
+def nameless_folder() -> Iterator[Path]:
+    """Yield a folder for this time, which errors leave out of the names of its files."""
+    with TemporaryDirectory() as folder:
         try:
-            yield path
+            yield Path(folder)
         except InputError as error:
             raise InputError(*(part.replace(f"{folder}/", "") for part in error.args)) from None
 

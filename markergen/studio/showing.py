@@ -4,8 +4,6 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 from zipfile import ZipFile, ZipInfo
 
@@ -33,7 +31,7 @@ from markergen.presentation.pages import data_uri
 from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
-from markergen.studio.opening import uploaded
+from markergen.studio.opening import nameless_folder, uploaded
 from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_named_plates, table_in, words
 from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import source_of
@@ -124,16 +122,16 @@ def exported(request: Mapping[str, Any]) -> File:
     if suffix == SPEC and "options" in request:
         options = table_in(request, "options")
         return File(f"{'rig' if 'shape' in options else 'marker'}{SPEC}", words(options)["spec"].encode())
-    with TemporaryDirectory() as folder:
+    with nameless_folder() as folder:
         if "rig" in request or "marker" in request:
             what = subject(request).what
-            target = Path(folder) / f"{what.frame}{suffix}"
+            target = folder / f"{what.frame}{suffix}"
             written = export(what, target)
         else:
             state = plain_options(request.get("options"))
             if "points" not in state:
                 raise InputError("dots to export", "none", "optimize first, or place them")
-            target = Path(folder) / f"marker{suffix}"
+            target = folder / f"marker{suffix}"
             written = list(design(**state, output=target).written)
         # A design comes with its record, which is a download of its own.
         named = [file for file in written if suffix == RECORD or not _is_record(file)]

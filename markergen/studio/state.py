@@ -16,6 +16,7 @@ import numpy as np
 from markergen import __version__
 from markergen.api.design import design, request_of
 from markergen.api.names import names_of, takes_names
+from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.drawing.paper import find_paper, paper_of_locale
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
@@ -44,8 +45,9 @@ Options = Mapping[str, Any]
 ELSEWHERE = OUTSIDE_SPEC
 """Options of a design that are not part of a state: files to write, and the time to do it in."""
 
-NOTES = ("drawing_center",)
-"""What a page keeps in its state beside the options: the place in a drawing, in m, that became the marker's origin."""
+NOTES = ("drawing_center", "sized")
+"""What a page keeps in its state beside the options: the place in a drawing, in m, that became the marker's origin, and
+the `dot` that a search has found."""
 
 RENAMED = {"keep_outs": "keep_out", "tag_side": "tag_size"}
 """Names in a spec of options that are called differently."""
@@ -163,11 +165,15 @@ def _number(text: str, kind: str) -> Any:
 
 def spec_of_options(options: Any) -> Spec:
     """Return the spec of a state; raises InputError as `markergen.design`, also for what only some files need."""
-    request = request_of(plain_options(options))
+    plain = plain_options(options)
+    request = request_of(plain)
     sheet = request.choices.sheet
     if sheet.paper is not None:
         find_paper(sheet.paper, sheet.orientation)
     pixels_per_meter(request.choices.dpi)
+    if plain.get("print_sigma") is not None and not request.spec.print_sigma:
+        remedy = f"leave it out for {PRINT_SIGMA_TEXT}, or write a length such as 0.05mm"
+        raise InputError("a print error above 0", f"--print-sigma {plain['print_sigma']}", remedy)
     return request.spec
 
 
@@ -259,7 +265,7 @@ def refuse_files(options: Mapping[str, Any], table: type) -> None:
     for name, option in declared(table).items():
         value = options.get(name)
         if value is not None and _names_one(value, option.kind):
-            raise _named(option.flag, value)
+            raise _named(option.flag, value, option.kind == "camera")
     plate = options.get("substrate")
     for name, value in (
         ("keep_outs", options.get("keep_outs")),
@@ -288,8 +294,9 @@ def _names_one(value: object, kind: str) -> bool:
     return kind == "files" or (kind == "layout" and is_table(value))
 
 
-def _named(flag: str, value: object) -> InputError:
-    remedy = "correct it, or open the file in the page, which takes its content along"
+def _named(flag: str, value: object, camera: bool = False) -> InputError:
+    names = f"write {' or '.join(NAMED_CAMERAS)}" if camera else "correct it"
+    remedy = f"{names}, or open the file in the page, which takes its content along"
     return InputError(f"{flag} without a file, in the studio", brief(value), remedy)
 
 

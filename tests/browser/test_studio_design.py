@@ -45,6 +45,7 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
         [float(each.removesuffix("mm")) for each in dot.split(",")] for dot in studio.state()["points"].split("; ")
     ]
     np.testing.assert_allclose(np.array(found, dtype=float) / 1e3, points, atol=1e-10)
+    assert studio.state()["sized"] == studio.state()["dot"]
     # What is downloaded is what the command makes that is offered for copying.
     monkeypatch.chdir(tmp_path)
     studio.page.select_option("#suffix", ".json")

@@ -1,5 +1,7 @@
 """The studio's first screen: what is in the printer, the camera, the distance; and answers at the field."""
 
+import re
+
 import pytest
 
 from tests.support.studio import Studio, link_of, type_in
@@ -101,13 +103,93 @@ def test_on_a_phone_options_come_first_and_fingers_meet_them(address, opened):
         assert page.evaluate(TARGETS) == []
 
 
-def test_a_marker_that_is_opened_is_named_and_a_distance_that_is_none_refused(studio, tmp_path, pentagon):
+def test_a_marker_that_is_opened_is_named(studio, tmp_path, pentagon):
     pentagon.save(tmp_path / "mine.json")
     studio.give(tmp_path / "mine.json")
     studio.until("() => document.getElementById('said').textContent.startsWith('mine.json: ')")
-    before = studio.state()
-    assert before["radius"].endswith("mm")
-    studio.page.fill("#first-far", "-1")
-    studio.page.keyboard.press("Tab")
-    assert "found -1" in studio.said()
-    assert studio.state() == before
+    assert studio.state()["radius"].endswith("mm")
+
+
+@pytest.mark.parametrize("far", ["-1", "0"])
+def test_a_distance_that_is_none_is_marked_and_nothing_is_downloaded(refusing, far):
+    page = refusing.page
+    page.fill("#first-far", far)
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#first-far[aria-invalid=true]")
+    assert f"distance={far}" in refusing.said()
+    assert page.evaluate("() => getComputedStyle(document.getElementById('canvas')).opacity") == "0.55"
+    loaded = []
+    page.on("download", lambda download: loaded.append(download))
+    page.click("#download")
+    refusing.until("() => document.getElementById('said').classList.contains('fault')")
+    page.fill("#first-far", "")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#first-far[aria-invalid=false]")
+    refusing.settle()
+    assert not loaded
+    assert refusing.page.get_attribute("#first-far", "placeholder").endswith("the paper\u2019s")
+
+
+def test_the_print_error_in_use_stands_in_its_field(refusing):
+    planned = refusing.degrees()
+    assert refusing.page.get_attribute("#option-print_sigma", "placeholder") == "0.1mm"
+    type_in(refusing, "print_sigma", "0.1")
+    assert refusing.degrees() == planned
+    type_in(refusing, "print_sigma", "0")
+    refusing.page.wait_for_selector("#option-print_sigma[aria-invalid]")
+    type_in(refusing, "print_sigma", "0.2")
+    assert refusing.degrees() > planned
+
+
+def test_a_size_that_a_search_has_found_is_no_choice_after_a_reload(address, opened):
+    points = "0mm,60mm; -60mm,0mm; 0mm,-60mm; 60mm,0mm"
+    state = {"points": points, "dot": "12mm", "sized": "12mm", "radius": "90mm"}
+    with opened(link_of(state, address), allowed(address)) as page:
+        studio = Studio(page)
+        studio.settle()
+        page.reload()
+        studio.settle()
+        page.select_option("#first-camera", "phone")
+        assert not {"dot", "sized"} & studio.state().keys()
+
+
+def test_an_emptied_room_is_the_page_again(studio):
+    type_in(studio, "radius", "60mm")
+    assert studio.state() == {"radius": "60mm"}
+    type_in(studio, "radius", "")
+    assert studio.state() == {"boundary": "page", "paper": studio.page.input_value("#first-paper")}
+
+
+def test_a_double_click_begins_one_search(studio):
+    type_in(studio, "n", "30")
+    studio.settle()
+    studio.page.dblclick("#optimize")
+    studio.page.wait_for_selector("#optimize:text-is('Stop')")
+    studio.page.wait_for_selector("#canvas .ghost", timeout=60_000, state="attached")
+    studio.page.click("#optimize")
+
+
+def test_dots_that_no_longer_fit_are_searched_for_anew_or_take_heights(address, opened):
+    state = {"points": "0mm,60mm; -60mm,0mm; 0mm,-60mm; 60mm,0mm", "dot": "12mm", "sized": "12mm", "radius": "90mm"}
+    with opened(link_of(state, address), allowed(address)) as page:
+        studio = Studio(page)
+        studio.settle()
+        type_in(studio, "radius", "50mm")
+        page.wait_for_selector("#problems li")
+        assert "Optimize" in studio.said()
+        assert "polygon." not in page.inner_text("#beside")
+        type_in(studio, "relief", "10mm")
+        studio.settle()
+        page.wait_for_selector("#problems li", state="detached")
+        assert studio.state() == {"radius": "50mm", "relief": "10mm", "n": 4}
+
+
+def test_options_in_a_refusal_are_fields(refusing):
+    for name, value in (("radius", "300mm"), ("paper", "A4")):
+        type_in(refusing, name, value)
+    refusing.settle()
+    refusing.page.select_option("#suffix", ".svg")
+    refusing.page.click("#download")
+    refusing.page.wait_for_selector("#said.fault")
+    assert "markergen design" not in refusing.said()
+    assert re.search("\u201cradius of the room\u201d [0-9]+mm, \u201cpaper\u201d A4", refusing.said())

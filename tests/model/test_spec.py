@@ -46,13 +46,16 @@ def test_print_errors_that_cannot_be_are_refused(print_sigma):
         ({"noise_model": "pixel"}, "known: point, image"),
         ({"noise_model": "point", "dot": "auto"}, "the noise model image for --dot auto"),
         ({"noise_model": "image", "dot": 0.0}, "dots with a size"),
-        ({"print_sigma": 1e-4}, "use --noise-model image"),
         ({"print_sigma": 1e-4, "noise_model": "point", "dot": 0.036}, "use --noise-model image"),
     ],
 )
 def test_wishes_that_do_not_go_together_are_refused(values, words):
     with pytest.raises(InputError, match=words):
         Spec(**values)
+
+
+def test_a_print_error_takes_noise_from_images():
+    assert Spec(print_sigma=1e-4).noise_model == "image"
 
 
 def test_surviving_nothing_is_no_wish():

@@ -153,7 +153,7 @@ SENTENCES = {
     "a unit": "a unit of length in {}",
     "field": "{} of dot {} in mm",
     "cross": "The cross is at {}.",
-    "stopped": "Stopped; nothing has changed.",
+    "stopped": "Stopped; the dots are as they were before the search.",
     "no answer": "The studio does not answer.",
 }
 """By key; a gap is {}."""

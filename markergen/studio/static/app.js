@@ -1,6 +1,6 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, capital, lines, make, mm, said, worded } from "./dom.js";
+import { Gone, Refused, ask, by, capital, digits, lines, make, mm, said, worded } from "./dom.js";
 import { read, written } from "./address.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
@@ -11,12 +11,14 @@ const AFTER = 500, RETRY = 2000, KEPT = 200;
 const COPIES = { command: "Command", python: "Python", spec: "Spec", share: "Link" };
 /* Nearest over farthest distance of the poses that are the default, and their largest tilt. */
 const NEAREST = 0.4, TILT = 70;
+/* Options that the first questions are about. */
+const ANSWERS = { "first-paper": "paper", "first-camera": "camera", "first-far": "poses" };
 
 let known = null, options = {}, look = null, body = null;
 /* Rigs of this page by their states, and the latest state that is none of a rig. */
 const rigs = new Map();
 let flat = {};
-let past = [], future = [], pose = null, search = null, before = null, sized = null;
+let past = [], future = [], pose = null, search = null, before = null;
 let fields, fitted, drawing, globe, spatial, numbers, take;
 
 /* The newest state as the server takes it; raises what was wrong with it. */
@@ -35,7 +37,13 @@ function told(error) {
   if (error instanceof Gone) return lost();
   if (!(error instanceof Refused)) throw error;
   said(error.message, true);
-  fields.refuse(error.found, error.message);
+  mark(error);
+}
+
+/* Mark the fields of what was refused, and the questions that they answer; nothing without an error. */
+function mark(error) {
+  const wrong = fields.refuse(error?.found, error?.message);
+  for (const [id, name] of Object.entries(ANSWERS)) by(id).setAttribute("aria-invalid", wrong.includes(name));
 }
 
 /* --- the address and the past ------------------------------------------------------------------------------- */
@@ -59,7 +67,7 @@ function become(state, step = true) {
     by("shape").value = options.shape;
     if (options.edge) by("edge").value = options.edge;
     fields.show(options);
-    fields.refuse();
+    mark();
     const { rig, summary, warnings } = rigs.get(after);
     return stand({ rig }, [summary.split("\n")[0], ...warnings.map((each) => worded(capital(each)))].join(". "), true);
   }
@@ -150,6 +158,7 @@ async function catchUp() {
     running = null;
   }
   by("main").setAttribute("aria-busy", String(!begun));
+  document.body.classList.toggle("refused", Boolean(fault));
   timer = setTimeout(rest, AFTER);
   return !fault;
 }
@@ -166,7 +175,8 @@ function show(number) {
     if (by("table").open) numbers(look);
     printed(look.options);
     facts.problems(look.problems);
-    if (!search) said(look.start ? `${capital(look.start)} to start from. Optimize searches for the best layout; or move the dots.` : "");
+    const start = look.start && `${capital(look.start)} to start from.`;
+    if (!search) said(start || look.problems.length ? `${start} Optimize searches for the best layout; or move the dots.`.trim() : "");
   }
   globe ? globe.update(look) : (globe = window.studioDome(by("dome"), look, { onpick: (index) => { pose = index; seeSoon(); } }));
   facts.now(look);
@@ -177,9 +187,13 @@ function show(number) {
 const fill = () => {
   by("first-paper").value = options.paper || look?.options.paper || "";
   by("first-camera").value = typeof options.camera === "object" ? "file" : options.camera === "phone" ? "phone" : "";
-  if (document.activeElement !== by("first-far")) by("first-far").value = /\.\.([\d.]+)m?,/.exec(options.poses)?.[1] ?? "";
-  fields.show(options, look ? { n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm` } : {});
-  fields.refuse();
+  if (document.activeElement !== by("first-far")) by("first-far").value = /distance=(?:[^,]*\.\.)?(-?[\d.]+)m?,/.exec(options.poses)?.[1] ?? "";
+  if (look) by("first-far").placeholder = `${[Math.min, Math.max].map((end) => digits(end(...look.poses.distance), 2)).join(" to ")}${options.poses ? "" : ", the paper\u2019s"}`;
+  fields.show(options, look ? {
+    n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm`, print_sigma: `${Number(mm(look.print_sigma, 4))}mm`,
+    radius: options.boundary ? "by the shape of the room" : `${mm(look.room.radius, 0)}mm`,
+  } : {});
+  mark();
 };
 
 /* On paper stand the options of a state. */
@@ -196,11 +210,13 @@ function refused(error) {
 
 /* What takes seconds is asked for when nothing has changed for a while. */
 async function rest() {
-  if (search || !look || body) return;
+  if (!look || body) return;
+  if (look.problems.length && !search) facts.failed("After the problems above are mended.");
+  else facts.later(null);
+  if (search) return;
   see();
   page();
-  if (look.problems.length) return facts.failed("After the problems above are mended.");
-  facts.later(null);
+  if (look.problems.length) return;
   slow = new AbortController();
   try {
     facts.later(await (await ask("more", { options: look.options, page: PAGE }, { signal: slow.signal })).json());
@@ -287,14 +303,14 @@ const text = (dots) => dots.map((dot) => [dot.x, dot.y, ...(options.relief ? [do
 /* Options with dots at these places, which keep their size. */
 function placed(dots) {
   const { n, target, ...others } = options;
-  if (!others.dot || others.dot === "auto") others.dot = sized = `${mm(dots[0].diameter, 2)}mm`;
+  if (!others.dot || others.dot === "auto") others.dot = others.sized = `${mm(dots[0].diameter, 2)}mm`;
   return { ...others, points: text(dots) };
 }
 
-/* Options without a size of dots that nobody asked for, which only keeps them as they are while they are moved. */
-function sizeless(state) {
+/* Options without a size of dots that nobody asked for, which only keeps them as they are: that under `sized`. */
+function sizeless({ sized, ...state }) {
   const { dot, ...others } = state;
-  return dot === sized ? others : state;
+  return sized && dot === sized ? others : state;
 }
 
 /* Options that say the same in another way, or belong to another value: who gives one leaves out the others. */
@@ -304,15 +320,23 @@ const INSTEAD = {
 };
 
 function changed(name, value) {
-  const next = name === "dot" ? { ...options } : { ...sizeless(options) };
+  const next = { ...sizeless(options) };
   if (value === null) delete next[name];
   else next[name] = value;
   if (name === "keep_out" && keepOuts().some(isDrawn)) next.keep_out = [...(value || []), ...keepOuts().filter(isDrawn)];
   if (value !== null || name === "camera") for (const each of INSTEAD[name] || []) delete next[each];
-  if (next.points && options.dot && name !== "dot") next.dot = options.dot;
+  // Where nothing says what the room is, it is the page.
+  if (value === null && (name === "radius" || name === "boundary")) Object.assign(next, pageRoom());
+  // Dots in a plane have no heights.
+  if (name === "relief" && next.points && !value !== !options.relief) {
+    delete next.points;
+    next.n = look.dots.length;
+  }
+  if (next.points && options.dot && name !== "dot") Object.assign(next, { dot: options.dot, sized: options.sized });
   become(next);
 }
 
+const pageRoom = () => ({ boundary: "page", paper: options.paper || known.paper });
 const keepOuts = () => [options.keep_out || []].flat();
 const isDrawn = (shape) => typeof shape === "object";
 
@@ -396,6 +420,8 @@ async function searching(path, request, onstep) {
     search = null;
     by("progress").hidden = true;
     drawing.ghost([]);
+    clearTimeout(timer);
+    timer = setTimeout(rest, AFTER);
     buttons();
     finish();
   }
@@ -408,8 +434,8 @@ async function optimize() {
   if (!end) return;
   said("Found; its errors come next.");
   if (end.options) {
-    if (!others.dot) sized = end.options.dot;
-    if (await become({ ...end.options, drawing_center: options.drawing_center })) said(end.certificate ? `Done: ${end.certificate.sentence}.` : "Done.");
+    const notes = { drawing_center: options.drawing_center, sized: others.dot ? undefined : end.options.dot };
+    if (await become({ ...end.options, ...notes })) said(end.certificate ? `Done: ${end.certificate.sentence}.` : "Done.");
   } else if (await become({ ...others, ...count })) {
     await stand({ marker: end.marker }, "Dots of several sizes serve these distances; change an option to begin anew.", true);
   }
@@ -494,10 +520,11 @@ function listen() {
     else return;
     event.preventDefault();
   });
-  by("optimize").addEventListener("click", () => {
+  by("optimize").addEventListener("click", ({ detail }) => {
+    if (detail > 1) return null;
     if (!search) return optimize();
     search.abort();
-    said("Stopped; nothing has changed.");
+    return said("Stopped; the dots are as they were before the search.");
   });
   by("back").addEventListener("click", () => become(options.shape ? flat : options, Boolean(options.shape)));
   by("open").addEventListener("click", () => by("files").click());
@@ -515,11 +542,13 @@ function listen() {
   };
   by("first-paper").addEventListener("change", () => anew({ paper: by("first-paper").value, boundary: "page", radius: undefined, drawing_center: undefined }));
   by("first-camera").addEventListener("change", ({ target: { value } }) => {
-    value === "file" ? by("files").click() : anew({ camera: value || undefined, camera_covariance: undefined });
+    if (value !== "file") return anew({ camera: value || undefined, camera_covariance: undefined });
+    by("files").click();
+    return fill();
   });
   by("first-far").addEventListener("change", ({ target: { valueAsNumber: far } }) => {
-    if (far <= 0) return said(`expected a distance above 0 m, found ${far}; write 1.5, for example`, true);
-    anew({ poses: far > 0 ? `cone:distance=${Number((NEAREST * far).toPrecision(4))}..${far}m,tilt=0..${TILT}` : undefined });
+    const range = far > 0 ? `${Number((NEAREST * far).toPrecision(4))}..${far}` : far;
+    anew({ poses: Number.isNaN(far) ? undefined : `cone:distance=${range}m,tilt=0..${TILT}` });
   });
   by("theme").addEventListener("change", () => {
     if (by("theme").value) document.documentElement.dataset.theme = by("theme").value;
@@ -529,7 +558,7 @@ function listen() {
   for (const button of by("modes").querySelectorAll("[data-mode]")) button.addEventListener("click", () => pick(button.dataset.mode));
   by("clear").addEventListener("click", () => {
     const { keep_out, boundary, drawing_center, ...others } = options, typed = keepOuts().filter((each) => !isDrawn(each));
-    become({ ...others, ...(typed.length && { keep_out: typed }), ...(!isDrawn(boundary) && { boundary, drawing_center }) });
+    become({ ...others, ...(typed.length && { keep_out: typed }), ...(isDrawn(boundary) ? pageRoom() : { boundary, drawing_center }) });
   });
   by("table").addEventListener("toggle", () => by("table").open && look && numbers(look));
   by("skip").addEventListener("click", (event) => {
@@ -621,6 +650,7 @@ async function begin() {
   numbers = facts.numbers(by("table").querySelector(".scroll"), (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
   take = files({ options: () => options, become, stand, about, said, told }, known.units);
   by("first-paper").append(...known.papers.map((name) => make("option", {}, name)));
+  by("first-paper").value = known.paper;
   by("suffix").append(...known.formats.map((each) => make("option", { value: each.suffix, title: each.words }, each.suffix)));
   by("template").append(make("option", { value: "" }, "a template …"), ...known.templates.map((each) => make("option", { value: each.name }, `${each.name}: ${each.title}`)));
   listen();

@@ -33,7 +33,7 @@ const LABELS = {
 export const label = (flag) => LABELS[flag] || flag.replace(/^--/, "").replaceAll("-", " ");
 
 /* Text about options of the command in the words of the page, which has fields. */
-export const worded = (text) => text.replace(/--[a-z][a-z-]*/g, (flag) => `\u201c${label(flag)}\u201d`);
+export const worded = (text) => text.replace(/markergen (?:design|rig) (?=--)/g, "").replace(/(--\S+ \S+) (?=--)/g, "$1, ").replace(/--[a-z][a-z-]*/g, (flag) => `\u201c${label(flag)}\u201d`);
 
 /* An error of the command likewise. */
 const refusal = (line) => worded(line)

@@ -22,7 +22,7 @@ export function now(look) {
       make("span", { id: "millimeters" }, expected.translation, make("small", {}, `position to plan with, RMS of ${over}`))),
     ...(expected.missed ? [make("p", {}, sentence(expected.missed))] : []),
     make("div", { class: "note", id: "plan" }, make("p", {}, `Hardest: ${hardest.rotation} at a tilt of ${hardest.tilt} deg and ${hardest.distance} m.`.replaceAll("..", " to "))));
-  by("brief").textContent = `${expected.rotation}, ${expected.translation}`;
+  by("brief").textContent = `Plan with ${expected.rotation} and ${expected.translation}`;
   const squares = poses.rotation.map((value) => (value === null ? 0 : value * value));
   const total = squares.reduce((sum, value) => sum + value, 0) || 1;
   const shares = Object.keys(SOURCES).map((name) => poses[name].reduce((sum, share, pose) => sum + (share || 0) * squares[pose], 0) / total);
@@ -32,7 +32,7 @@ export function now(look) {
     make("p", { class: "keys" }, Object.values(SOURCES).map((name, index) => make("span", { class: "key" }, `${name} ${percents(shares)[index]} %`))),
     ...look.limits.map((line) => make("p", {}, worded(line))));
   const value = (number) => (number === null ? "does not fit" : `${digits(number, 4)} ${objective.unit}`);
-  const worse = objective.ngon ? 100 * (objective.value / objective.ngon - 1) : null;
+  const worse = objective.ngon && !look.problems.length ? 100 * (objective.value / objective.ngon - 1) : null;
   const said = worse === null ? "" : Math.abs(worse) < 0.05 ? " The same as the regular polygon." : ` ${digits(Math.abs(worse), 2)} % ${worse > 0 ? "above" : "below"} the regular polygon.`;
   by("beside").replaceChildren(
     table(`Objective: ${objective.name}`, ["layout", "value"], [["this layout", value(objective.value)], ["regular polygon", value(objective.ngon)], ["best so far", objective.best_known === null ? "none yet" : value(objective.best_known)]], 0),
@@ -50,6 +50,7 @@ export function problems(found) {
 /* What takes longer; null while it is not known. */
 export function later(more) {
   const wait = () => [make("p", { class: "note" }, "Computing; this takes seconds, or minutes for many dots and large images …")];
+  by("warnings").replaceChildren(...(more?.warnings || []).map((line) => make("li", {}, sentence(line))));
   if (!more) {
     for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(...wait());
     by("patterns")?.replaceChildren();
@@ -71,6 +72,7 @@ export function later(more) {
 }
 
 export function failed(line) {
+  by("warnings").replaceChildren();
   for (const id of ["counts", "labels", "advice"]) by(id).replaceChildren(make("p", { class: "note" }, line));
 }
 

@@ -41,6 +41,7 @@ export function form(element, groups, change) {
       const every = Object.values(fields), wrong = every.filter((field) => field.named(`${expected} ${found}`) || field.quoted(found));
       const marked = wrong.length ? wrong : every.filter((field) => field.named(remedy));
       for (const field of every) field.refuse(marked.includes(field), message);
+      return marked.map((field) => field.name);
     },
     /* Labels and values of a state, for paper. */
     told: (options) => Object.entries(fields).filter(([name]) => options[name] !== undefined).map(([name, field]) => field.told(options[name])),
@@ -88,8 +89,10 @@ function control(option, change) {
   // In errors it is --print-sigma, print_sigma=, or print_sigma: where several are listed.
   const names = new RegExp(`${option.flag}(?![\\w-])|\\b${option.name}(=|:|s?\\[\\d+\\]:)`);
   return {
+    name: option.name,
     named: (text) => names.test(text),
-    quoted: (text) => input.value.split("|").some((each) => each.trim() && text.includes(`'${each.trim()}'`)),
+    // A part of a value is written as it is there: distance=0 m.
+    quoted: (text) => input.value.split("|").some((each) => each.trim() && text.includes(`'${each.trim()}'`)) || (/=/.test(text) && input.value.includes(text.split(" ")[0])),
     told: (value) => [label(option.flag), typed(value) ? [value].flat().join(" | ") : JSON.stringify(value).replaceAll('"', "").replaceAll(/[:,]/g, "$& ")],
     row, words: plain(`${label(option.flag)} ${option.name} ${option.help} ${ALSO[option.name] || ""}`),
     show(value, placeholder) {
