@@ -28,7 +28,7 @@ TOO_FEW = "too few dots that agree with the other photographs"
 """Why a photograph that shows the marker took no part."""
 _AS_DESIGNED = 2.0
 """chi2 per degree of freedom, relative to that of the adjustment, up to which the design predicts left-out photographs
-as well as they fit: 1.8 where the print is as designed, 5 and more where it is off by 0.1 mm."""
+as well as they fit: 1.9 in twenty poor photographs of a print as designed; at 1.5 these are refused."""
 _BADLY_PX = 1.0
 """Standard deviation of the image of a far point from which on the camera is known badly there."""
 _WORSE = 1.05
