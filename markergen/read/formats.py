@@ -153,7 +153,7 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
         (rb"\A(?:\x89PNG|\xff\xd8\xff|GIF8|BM|II\*|MM\0\*|RIFF....WEBP)", "a picture", "trace it, as Inkscape can"),
         (rb"\A(?:G04|%FS|%MO|M48)", "Gerber or drill data", "export Edge.Cuts as SVG or DXF, or give the .kicad_pcb"),
         (rb"<eagle\b|<LightBurnProject|<kml\b|<gpx\b|<mxfile\b", "a drawing of another program", _DRAWING),
-        (rb"\AAutoCAD Binary DXF|\AAC10\d\d", "binary DXF or DWG", "save it as ASCII DXF"),
+        (rb"\AAC10\d\d", "DWG", "save it as DXF"),
         (rb"\A\(kicad_(?:sch|sym|pro)", "a schematic of KiCad", "give its .kicad_pcb"),
         (rb"\APK\x03\x04|\A\xd0\xcf\x11\xe0|\ARIFF....CDR", "a document of a drawing or CAD program", _DRAWING),
         (rb"\A\0\0\x27\x0a", "a shapefile", "convert it to GeoJSON"),

@@ -159,8 +159,7 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     from svgelements import Length
 
     try:
-        # At 25.4 px per inch, 1 px is 1 mm.
-        sides = tuple(float(Length(text or "").value(ppi=25.4)) for text in (width, height))
+        sides = tuple(float(Length(text or "").value(ppi=96)) * CSS_PIXEL for text in (width, height))
     except (ValueError, TypeError, AttributeError):
         return None
     return (sides[0], sides[1]) if np.isfinite(sides).all() else None

@@ -127,3 +127,21 @@ def test_a_sheet_passes_with_black_in_any_form_and_white_in_any_form_is_named(ma
     assert [finding.kind for finding in verify(markers["5 skew"], path).findings] == ["pale"]
     path.write_text(with_dots(sheet, white))
     assert not verify(markers["5 skew"], path).passed
+
+
+@pytest.mark.parametrize(("unit", "per_mm"), [("pt", 72 / 25.4), ("in", 1 / 25.4), ("px", 96 / 25.4), ("cm", 0.1)])
+def test_the_size_of_a_page_may_have_any_unit(markers, sheet, tmp_path, unit, per_mm):
+    def sized(match):
+        return f'{match[1]}="{float(match[2]) * per_mm:.9g}{unit}"'
+
+    text = re.sub(r'\b(width|height)="([\d.]+)mm"', sized, sheet)
+    assert text != sheet
+    (tmp_path / "a.svg").write_text(text)
+    check = verify(markers["5 skew"], tmp_path / "a.svg")
+    assert check.passed, check.findings
+    assert check.papers[0] == pytest.approx(verify(markers["5 skew"], sheet_file(tmp_path, sheet)).papers[0], abs=1e-5)
+
+
+def sheet_file(folder, text):
+    (folder / "b.svg").write_text(text)
+    return folder / "b.svg"

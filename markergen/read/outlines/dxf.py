@@ -54,6 +54,9 @@ HIGHEST_DEGREE = 11
 MOST_FIT_POINTS = 500
 """Maximum number of fit points of a spline: ezdxf solves a full matrix, which takes 2 GB and 30 s for 10,000."""
 
+BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
+"""What a binary file begins with."""
+
 # ezdxf logs its repairs, and without a handler Python would print them to standard error.
 logging.getLogger("ezdxf").addHandler(logging.NullHandler())
 
@@ -80,7 +83,7 @@ def without_time() -> Iterator[None]:
 def _fits(file: OutlineFile) -> bool:
     # The first group code: 0 for a section, or 999 for a comment.
     first = file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:100].replace(b"\r", b"\n").split(b"\n")[0].strip()
-    return first in (b"0", b"999")
+    return first in (b"0", b"999") or file.data.startswith(BINARY)
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
@@ -306,8 +309,20 @@ def _reason(error: Exception) -> str:
     return text if 3 < len(text) <= 120 and text.isprintable() else "invalid values"
 
 
+def _unpacked(file: OutlineFile) -> str:
+    """Text of a binary file."""
+    from ezdxf.lldxf.tagger import binary_tags_loader
+
+    try:
+        return "".join(tag.dxfstr() for tag in binary_tags_loader(file.data, errors="ignore"))
+    except Exception as error:  # As of damaged text.
+        raise file.damaged("DXF", _reason(error)) from None
+
+
 def _text(file: OutlineFile) -> str:
     """Text in the code page of the file; DXF is UTF-8 since 2007."""
+    if file.data.startswith(BINARY):
+        return _unpacked(file)
     # ezdxf takes a carriage return as part of the value.
     data = file.data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     try:
@@ -457,4 +472,6 @@ def _write(contours: Sequence[Contour], _: str) -> str:
         return stream.getvalue()
 
 
-OUTLINE_FORMATS.register("dxf")(OutlineFormat("groups that start with 0 SECTION", _fits, _read, (".dxf",), _write))
+OUTLINE_FORMATS.register("dxf")(
+    OutlineFormat("groups that start with 0 SECTION, as text or binary", _fits, _read, (".dxf",), _write)
+)

@@ -2,6 +2,7 @@
 
 import math
 
+import ezdxf
 import numpy as np
 import pytest
 from drawings import DATA, area, bounds, dxf, farthest, read_outline
@@ -254,3 +255,12 @@ def test_code_pages(write):
     text = dxf(lambda d, m: (d.layers.add("Außen"), m.add_circle((0, 0), 5, dxfattribs={"layer": "Außen"})), 4, "R2000")
     path = write(text.encode("cp1252"))
     assert len(read_outline(path, layer="AUSSEN")) == 1
+
+
+def test_binary_dxf_is_read_as_text_is(tmp_path, refused):
+    document = ezdxf.new("R2010", units=4)
+    document.modelspace().add_circle((3, 4), 20)
+    document.saveas(tmp_path / "binary.dxf", fmt="bin")
+    np.testing.assert_allclose(area(read_outline(tmp_path / "binary.dxf")), circle_area(20), rtol=1e-3)
+    data = (tmp_path / "binary.dxf").read_bytes()
+    assert "DXF" in refused(data[: len(data) // 2], unit="mm")

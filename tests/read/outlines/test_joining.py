@@ -197,7 +197,7 @@ def test_bad_svg(refused, body, words):
         (b'{"type": "Feature", "geometry": null}', "a closed outline"),
         (b'{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}', "only LineString"),
         (geojson(SQUARE[:-1]), "a gap of 10 mm between (0 mm, 0 mm) and (0 mm, 10 mm)"),
-        (b"AutoCAD Binary DXF\r\n\x1a\0\0", "binary DXF"),
+        (b"AutoCAD Binary DXF\r\n\x1a\0\0", "DXF"),
         (b"AC1032\0\0\0", "DWG"),
         (b"0\nSECTION\n2\nENTITIES\n0\nLINE\n", "DXF to its end"),
         (b"0\nSECTION\n2\nENTITIES\n0\nLINE\n10\nabc\n0\nENDSEC\n0\nEOF\n", "DXF"),
