@@ -34,7 +34,7 @@ def compare(
     announce: Callable[[str], None] | None = None,
     **options: Unpack[CompareKeywords],
 ) -> Comparison:
-    """Compare markers with each other and with square tags and boards: same room, poses, optics and noise.
+    """Compare markers with each other and with square tags and boards: same poses, optics and noise.
 
     Parameters
     ----------
@@ -61,8 +61,7 @@ def compare(
     Raises
     ------
     InputError
-        If a contestant is unknown, the markers differ in size, or an argument is unknown, of the wrong type or out of
-        range.
+        If a contestant is unknown, or an argument is unknown, of the wrong type or out of range.
     OutputError
         If a file cannot be written.
 

@@ -1,4 +1,4 @@
-"""Contestants to compare a marker with: other markers, common layouts, tags and boards, all of one size."""
+"""Contestants to compare a marker with: markers in their own size; layouts, tags, boards in that of the first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,6 @@ from markergen.model.rig import Rig
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.read.poses import poses_from
-from markergen.units import format_length
 from markergen.validation.setting import setting_of
 
 DEFAULTS = (
@@ -37,8 +36,8 @@ def line_up(
 ) -> tuple[list[Contestant], Setting]:
     """Make contestants from their texts, with the camera and poses that the first marker file was designed for.
 
-    Everything is as large as the circle of the first marker allows, with the white around it that it needs. If there
-    are rigs, all are rigs, or tags on each plate of the first one.
+    Other markers keep their size; all else is as large as the circle of the first marker allows, with the white around
+    it that it needs. If there are rigs, all are rigs, or tags on each plate of the first one.
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ def line_up(
     Raises
     ------
     InputError
-        If a text has none of the forms, a file is not a marker, the markers differ in size, or a tag does not exist.
+        If a text has none of the forms, a file is not a marker, or a tag does not exist.
     """
     if seed < 0:
         raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
@@ -74,16 +73,8 @@ def line_up(
     markers = {text: _visible(text, body) for text, body in loaded.items() if body.frame == "marker"}
     first = next(iter(markers.values()), None)
     judged = setting_of(first, poses) if first else _default_setting(poses)
-    radius = judged.boundary.radius
-    for text, marker in markers.items():
-        if abs(marker.boundary.radius - radius) > 1e-9 * radius:
-            raise InputError(
-                f"markers in circles of one size, here of radius {format_length(radius)}",
-                f"{text} with {format_length(marker.boundary.radius)}",
-                "design it again with the same --radius",
-            )
-    # All are judged where the whole circle is visible, whatever their outlines, so that all have the same poses.
-    disk = Circle(radius)
+    # All are judged where the largest circle is visible, whatever their outlines, so that all have the same poses.
+    disk = Circle(max([judged.boundary.radius, *(marker.boundary.radius for marker in markers.values())]))
     height = max((marker.height for marker in markers.values()), default=0.0)
     setting = Setting(judged.boundary, judged.camera, judged.poses.seen_whole(disk, judged.camera, height))
     arena = Arena(setting, first, seed)

@@ -62,11 +62,11 @@ def compare_and_time(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
-    Each is as large as the room of the first marker allows, surrounded by white. For every tag and board, `tune`
-    chooses the settings with the least RMS rotation error over `TUNING_VIEWS` separate views: of its detector, of an
-    enlargement of the image before it, of a refinement of the points after it, and of the pose's estimator. Only our
-    detector provides a covariance for each of its points, which is used as a weight. Where the detector cannot tell a
-    pattern from itself turned, the pose nearest to the true one counts.
+    Markers keep their size; all else is as large as the room of the first marker allows, surrounded by white. For every
+    tag and board, `tune` chooses the settings with the least RMS rotation error over `TUNING_VIEWS` separate views: of
+    its detector, of an enlargement of the image before it, of a refinement of the points after it, and of the pose's
+    estimator. Only our detector provides a covariance for each of its points, which is used as a weight. Where the
+    detector cannot tell a pattern from itself turned, the pose nearest to the true one counts.
 
     Parameters
     ----------
@@ -88,17 +88,17 @@ def compare_and_time(
     Returns
     -------
     results : dict
-        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, area of ``ink`` inside the circle
-        (``cm2`` and ``share``), the ``setting`` used to detect it and all that its ``tuning`` tried; how many views
-        were ``detected`` (``rate``), ``wrong`` or ``failed`` (see `pose_failed`; these are left out of the statistics)
-        and how many poses were ``flips``; statistics of ``rotation_deg``, ``translation_pct`` and ``point_px`` over its
-        detected views, the 95 % ``interval`` of the RMS and the ``bound``, the RMS of the photometric bound of an exact
-        print in them; the same over the ``common`` views (those that every contestant found, ignoring contestants never
-        found), and ``by_polar_angle`` and ``by_distance``; the ``pattern_bound`` over all views; the ``ratio`` of its
-        RMS to that of the first, over the views that both found, with the 95 % interval; its ``failures``; and the
-        statistics after the same refiner for all, a ``photometric`` fit from what was found (see `photometric_fit`).
-        One whose library is missing is ``absent``. Intervals are bootstraps over views. The remaining keys describe
-        the conditions.
+        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, ``room``, area of ``ink`` inside
+        its circle (``cm2`` and ``share``), the ``setting`` used to detect it and all that its ``tuning`` tried; how
+        many views were ``detected`` (``rate``), ``wrong`` or ``failed`` (see `pose_failed`; these are left out of the
+        statistics) and how many poses were ``flips``; statistics of ``rotation_deg``, ``translation_pct`` and
+        ``point_px`` over its detected views, the 95 % ``interval`` of the RMS and the ``bound``, the RMS of the
+        photometric bound of an exact print in them; the same over the ``common`` views (those that every contestant
+        found, ignoring contestants never found), and ``by_polar_angle`` and ``by_distance``; the ``pattern_bound`` over
+        all views; the ``ratio`` of its RMS to that of the first, over the views that both found, with the 95 %
+        interval; its ``failures``; and the statistics after the same refiner for all, a ``photometric`` fit from what
+        was found (see `photometric_fit`). One whose library is missing is ``absent``. Intervals are bootstraps over
+        views. The remaining keys describe the conditions.
     cpu_s : dict
         Median processor time of detection and pose in one view, s, by name; it differs from run to run.
 
@@ -224,6 +224,7 @@ def comparison_results(
             {
                 "name": contestant.name,
                 "size": contestant.size,
+                "room": str(contestant.room(setting.boundary)),
                 "absent": contestant.absent,
                 "ink": {"cm2": 1e4 * ink, "share": ink / contestant.area(radius)},
                 "setting": "",

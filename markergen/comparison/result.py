@@ -148,7 +148,7 @@ def heading(results: Mapping[str, Any]) -> str:
     camera, poses, optics = results["camera"], results["poses"], results["optics"]
     return (
         f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
-        f"in a {results['room']}\n"
+        f"in {'rooms of their own' if _rooms_differ(results) else 'a ' + results['room']}\n"
         f"camera {camera['width']}x{camera['height']}, focal length {camera['fx']:g} px, "
         f"blur {optics['blur_px']:g} px, noise {optics['noise_grey']:g} grey levels, "
         f"levels {optics['dark']:g} to {optics['light']:g}"
@@ -169,12 +169,14 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
 
 def _overview(results: Mapping[str, Any]) -> Table:
     rows: list[list[str]] = []
+    rooms_differ = _rooms_differ(results)
     for name, entry in _named(results):
         ratio = entry["ratio"]["rotation_deg"]
         within = f" ({_interval(ratio['interval'])})" if ratio and rows else ""
         rows.append(
             [
                 name,
+                *([entry["room"]] if rooms_differ else []),
                 "absent" if entry["absent"] else percent(entry["rate"]),
                 number(entry["rotation_deg"]["rms"]),
                 _interval(entry["interval"]["rotation_deg"]),
@@ -182,12 +184,17 @@ def _overview(results: Mapping[str, Any]) -> Table:
                 (number(ratio["rms"], 2) if ratio else "-") + within,
             ]
         )
-    header = ["", "found", "RE rms", "95 %", "median", "p95", "ratio (95 %)"]
+    header = ["", *(["in a"] if rooms_differ else []), "found", "RE rms", "95 %", "median", "p95", "ratio (95 %)"]
     caption = (
         "Over the views that each found; RE in deg. "
         f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
+        + (" Rooms differ: a marker in a larger one has smaller errors by its size alone." if rooms_differ else "")
     )
     return Table("Found, and how accurately", header, rows, caption)
+
+
+def _rooms_differ(results: Mapping[str, Any]) -> bool:
+    return len({entry["room"] for entry in results["contestants"]}) > 1
 
 
 def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:

@@ -1,4 +1,4 @@
-"""Contestants are found where they are, and all of them are of one size."""
+"""Contestants are found where they are, markers in their own size and all others in that of the first."""
 
 import cv2
 import numpy as np
@@ -11,12 +11,14 @@ from markergen.comparison.contestants.tags import SquareTag
 from markergen.errors import InputError
 from markergen.maths.projection import project
 from markergen.model.body_json import to_json
+from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker import light_marker
 from markergen.model.poses import paper
 from markergen.model.tag import Board, Tag
 from markergen.render import Optics
 from markergen.validation.metrics import rotation_error_deg
+from markergen.validation.setting import setting_of
 
 POSES = paper()
 OPTICS = Optics(noise_grey=0)
@@ -212,11 +214,19 @@ def test_what_is_none_is_refused_in_one_line(text, said):
     assert "\n" not in str(error.value)
 
 
-def test_markers_of_two_sizes_are_no_comparison(marker, tmp_path, make_ngon):
-    other = tmp_path / "small.json"
-    other.write_bytes(to_json(make_ngon(5, 0.1, 0.02)))
-    with pytest.raises(InputError, match="here of radius 150 mm"):
-        line_up([marker, str(other)])
+def test_markers_of_two_sizes_keep_them_where_the_largest_is_wholly_seen(make_ngon):
+    given = {"small": make_ngon(5, 0.1, 0.02), "large": make_ngon(5, 0.15, 0.036)}
+    contestants, setting = line_up(["small", "large", "aruco:DICT_4X4_50"], given=given)
+    assert [contestant.room(setting.boundary).radius for contestant in contestants] == [0.1, 0.15, 0.1]
+    assert contestants[2].tag.outer_side == pytest.approx(0.1 * 2**0.5)
+    large = setting_of(given["large"], None)
+    assert np.array_equal(
+        setting.poses.translation,
+        setting_of(given["small"], None).poses.seen_whole(Circle(0.15), large.camera).translation,
+    )
+    inks = [contestant.ink(0.1) / contestant.area(0.1) for contestant in contestants[:2]]
+    # Five rings 0.1 and 0.12 radii wide: as shares of their own circles, their ink goes as the squares of these.
+    assert inks[1] / inks[0] == pytest.approx((0.036 / 0.15 / (0.02 / 0.1)) ** 2, rel=0.02)
 
 
 def test_bare_points_cannot_be_seen(tmp_path, make_ngon):

@@ -290,6 +290,18 @@ def test_tables_name_everyone_and_everything(results):
     assert "hits all alike" in lines[-1]
 
 
+def test_the_table_names_rooms_where_they_differ(results):
+    disk, small = "disk of radius 150 mm", "disk of radius 100 mm"
+    assert {entry["room"] for entry in results["contestants"]} == {disk}
+    first, *others = results["contestants"]
+    mixed = results | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
+    same, differ = (comparison_tables(entries)[0] for entries in (results, mixed))
+    assert [row[1] for row in differ.rows] == [disk, *[small] * len(others)]
+    assert [[row[0], *row[2:]] for row in differ.rows] == same.rows
+    assert disk in heading(results)
+    assert disk not in heading(mixed)
+
+
 def test_pictures(results, tmp_path):
     figure = comparison_figure(results.found)
     assert len(figure.get_axes()) == 2

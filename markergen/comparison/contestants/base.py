@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.model.body import Body
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -137,6 +137,10 @@ class Contestant(ABC):
         bounds = photometric_bounds(scene, camera, poses, optics)
         return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
 
+    def room(self, setting: Boundary) -> Boundary:
+        """Return what it was drawn in: that of the setting, unless it has its own."""
+        return setting
+
     @abstractmethod
     def area(self, radius: float) -> float:
         """Area in m^2 that it has for its ink."""
@@ -186,9 +190,9 @@ class PaintedContestant(Contestant):
         return self.plate_scene(camera) if self.body is None or len(self.body.plates) == 1 else None
 
     def area(self, radius: float) -> float:
-        """See `Contestant.area`: that of a circle of this radius, of a rig that of all plates."""
+        """See `Contestant.area`: that of its circle, of this radius if it has no body; of a rig of all plates."""
         if self.body is None or self.body.frame == "marker":
-            return np.pi * radius**2
+            return np.pi * self.room(Circle(radius)).radius ** 2
         return sum(plate.marker.boundary.region.area for plate in self.body.plates)
 
     def ink(self, radius: float) -> float:

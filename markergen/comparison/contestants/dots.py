@@ -52,6 +52,10 @@ class DotBody(PaintedContestant):
             return f"{len(self.body.plates)} plates, {len(self.body)} dots"
         return f"{len(self.body)} dots of {self.body.plates[0].marker.dot_words}"
 
+    def room(self, setting: Boundary) -> Boundary:
+        """See `Contestant.room`."""
+        return setting if self.body.frame == "rig" else self.body.plates[0].marker.boundary
+
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
         """See `Contestant.print_error`: each dot independently, measured ones by their covariance."""
         errors, plates = ErrorSources(print_sigma=sigma), self.body.plates
