@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from shlex import join
 
 from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, complain, report
@@ -85,28 +85,39 @@ FARTHEST, NEAREST = 1.5, 0.4
 
 def asked() -> list[str]:
     """Ask for paper, camera and distance, show the command that the answers make, and return its words."""
-    from markergen.drawing.paper import paper_of_locale
-    from markergen.errors import InputError
+    from markergen.drawing.paper import find_paper, paper_of_locale
+    from markergen.model.camera import SIZE_AND_ANGLE, Camera
+    from markergen.model.pose_sources.cone import Cone
     from markergen.units import parse_length
 
-    command = ["design", "--paper", _answer("Paper in the printer", paper_of_locale(os.environ))]
-    camera = _answer("Camera: webcam, phone, or its calibration file", "webcam")
+    def poses_to(distance: str) -> str:
+        farthest = parse_length(distance, "distance")
+        return f"cone:distance={NEAREST * farthest:.4g}..{farthest:.4g}m,tilt=0..70"
+
+    command = ["design", "--paper", _answer("Paper in the printer", paper_of_locale(os.environ), find_paper)]
+    cameras = f"Camera: webcam, phone, such as {SIZE_AND_ANGLE}, or its calibration file"
+    camera = _answer(cameras, "webcam", Camera.load)
     command += ["--camera", camera] if camera != "webcam" else []
-    farthest = 0.0
-    while not farthest:
-        try:
-            farthest = parse_length(_answer("How far away is the marker at most", f"{FARTHEST}m"), "distance")
-        except InputError as error:
-            report(str(error))
-    if farthest != FARTHEST:
-        command += ["--poses", f"cone:distance={NEAREST * farthest:.4g}..{farthest:.4g}m,tilt=0..70"]
+    usual = f"{FARTHEST}m"
+    farthest = _answer("How far away is the marker at most", usual, lambda text: Cone.parse(poses_to(text)))
+    command += ["--poses", poses_to(farthest)] if farthest != usual else []
     command += ["-o", "marker.pdf"]
     report(f"markergen {join(command)}")
     return command
 
 
-def _answer(question: str, default: str) -> str:
-    return input(f"{question} [{default}]: ").strip() or default
+def _answer(question: str, default: str, read: Callable[[str], object]) -> str:
+    """Ask until the answer can be read."""
+    from markergen.errors import InputError
+
+    while True:
+        answer = input(f"{question} [{default}]: ").strip() or default
+        try:
+            read(answer)
+        except InputError as error:
+            report(str(error))
+        else:
+            return answer
 
 
 def _terminate(number: int, _: object) -> None:

@@ -22,7 +22,7 @@ from markergen.estimators.weighted_pose import DEFAULT_ERRORS, PoseEstimate, est
 from markergen.maths.rotation import turn_z
 from markergen.model.body import Body
 from markergen.model.body_json import load_marker_or_rig
-from markergen.model.camera import NAMED_CAMERAS, Camera
+from markergen.model.camera import Camera, typical_camera
 from markergen.model.detector_json import detector_content
 from markergen.model.marker import Marker, check_supported
 from markergen.model.rescale import misfit_words
@@ -150,7 +150,7 @@ class Detector:
                 "give its calibration as well, with --camera, or camera= from Python",
             )
         self._note = NO_POSES if camera is None else counted(camera_covariance, camera, covariance)
-        if isinstance(camera, str | Path) and str(camera) in NAMED_CAMERAS:
+        if isinstance(camera, str | Path) and typical_camera(camera):
             self._note = TYPICAL.format(camera)
         sources = as_list(markers)
         if not sources:

@@ -1,6 +1,8 @@
 """Camera model: image size, intrinsics and lens distortion."""
 
+import math
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -374,3 +376,23 @@ PAPER_CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)
 
 NAMED_CAMERAS = {"webcam": PAPER_CAMERA, "phone": Camera(4032, 3024, 3000.0, 3000.0, 2015.5, 1511.5)}
 """Typical cameras, by the names that stand for their files: 44 degrees wide, and 68."""
+
+SIZE_AND_ANGLE = "1280x720@60deg"
+"""How to write a camera without a calibration: the size of its images and its horizontal angle of view."""
+
+
+def typical_camera(text: object) -> Camera | None:
+    """Return the camera of a name, or of `SIZE_AND_ANGLE` with square pixels and no distortion; None for other texts.
+
+    >>> round(typical_camera("1280x720@60deg").fx)
+    1109
+    """
+    match = re.fullmatch(r"(\d{1,6})x(\d{1,6})@(\d{1,3}(?:\.\d+)?)deg", str(text))
+    if not match:
+        return NAMED_CAMERAS.get(str(text))
+    width, height, angle = int(match[1]), int(match[2]), float(match[3])
+    if not 0 < angle < 180:
+        expected = "a horizontal angle of view above 0 and below 180 degrees"
+        raise InputError(expected, brief(text), f"write such as {SIZE_AND_ANGLE}")
+    focal = width / 2 / math.tan(math.radians(angle) / 2)
+    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)

@@ -28,7 +28,8 @@ Camera = Annotated[
     CameraLike,
     Option(
         VIEW,
-        "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP; or webcam or phone, typical ones.",
+        "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP; or, without one, webcam, phone, or "
+        "1280x720@60deg: size of the images and horizontal angle of view.",
         otherwise="webcam, 640 x 480 px and 44 degrees wide",
         metavar="FILE|NAME",
     ),

@@ -22,7 +22,7 @@ from markergen.errors import InputError, brief
 from markergen.exporters import catalog
 from markergen.exporters.png import pixels_per_meter
 from markergen.model.boundary import Boundary, Circle, Polygon
-from markergen.model.camera import NAMED_CAMERAS
+from markergen.model.camera import typical_camera
 from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
@@ -286,7 +286,7 @@ def refuse_named_plates(content: Mapping[str, Any]) -> None:
 
 def _names_one(value: object, kind: str) -> bool:
     if kind in ("camera", "covariance"):
-        return isinstance(value, str) and not (kind == "camera" and value in NAMED_CAMERAS)
+        return isinstance(value, str) and not (kind == "camera" and typical_camera(value))
     if kind in ("shape", "shapes"):
         return any(isinstance(text, str) and text.strip() and is_drawing(text) for text in as_list(value))
     if kind == "poses":

@@ -4,13 +4,14 @@ from markergen.cli import asked
 
 
 def test_answers_make_a_command(monkeypatch, capsys):
-    answers = iter(["letter", "phone", "0.5..2", "2m"])
+    answers = iter(["A4 paper", "letter", "webcm", "1280x720@60", "phone", "0.5..2", "0", "2m"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     words = asked()
     cone = "cone:distance=0.8..2m,tilt=0..70"
     assert words == ["design", "--paper", "letter", "--camera", "phone", "--poses", cone, "-o", "marker.pdf"]
-    refused, command = capsys.readouterr().out.splitlines()
-    assert "0.5..2" in refused
+    *refusals, command = capsys.readouterr().out.splitlines()
+    refused = ["A4 paper", "webcm", "1280x720@60", "0.5..2", "distance=0"]
+    assert [answer in line for answer, line in zip(refused, refusals, strict=True)] == [True] * 5
     assert command.startswith("markergen design --paper letter")
 
 

@@ -8,7 +8,7 @@ from sentences import sentence
 
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential
-from markergen.model.camera import NO_DISTORTION, PAPER_CAMERA, Camera, Distortion
+from markergen.model.camera import NO_DISTORTION, PAPER_CAMERA, Camera, Distortion, typical_camera
 from markergen.model.spec import Spec
 
 WIDE = Camera(752, 480, 458.6, 457.3, 367.2, 248.4, Distortion("radtan", (-0.283, 0.074, 1.9e-4, 1.8e-5)))
@@ -223,3 +223,22 @@ def test_cameras_print_in_a_line():
         assert "\n" not in str(camera)
     assert str(FISHEYE).endswith("equidistant k1 0.0035, k2 0.0007, k3 -0.002, k4 0.0002")
     assert str(PAPER_CAMERA) == sentence("camera", "640x480 px", 800, 800, 320, 240)
+
+
+def test_a_camera_by_the_size_of_its_images_and_its_angle_of_view():
+    camera = typical_camera("1280x720@60deg")
+    assert (camera.width, camera.height) == (1280, 720)
+    edges = np.array([[-np.tan(np.pi / 6), 0.0, 1.0], [np.tan(np.pi / 6), 0.0, 1.0]])
+    pixels = camera.project(edges, np.eye(3)[None], np.zeros((1, 3)))[0]
+    # From the outer edge of the first pixel to that of the last, on the middle row.
+    assert pixels == pytest.approx(np.array([[-0.5, 359.5], [1279.5, 359.5]]))
+    assert Camera.load("1280x720@60deg") == Spec(camera=camera).camera
+    assert typical_camera("1280x720@60") is typical_camera("camera.yaml") is None
+    with pytest.raises(InputError, match="angle of view"):
+        typical_camera("1280x720@180deg")
+
+
+@pytest.mark.parametrize("text", ["1280x720", "1280x720@60", "1920x1080@78", "webcm"])
+def test_what_is_nearly_a_typical_camera_names_the_forms(text):
+    with pytest.raises(InputError, match="1280x720@60deg"):
+        Camera.load(text)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, among, brief
 from markergen.guard import read
-from markergen.model.camera import NAMED_CAMERAS, Camera
+from markergen.model.camera import NAMED_CAMERAS, SIZE_AND_ANGLE, Camera, typical_camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
 from markergen.read.cameras.statements import check_order, doubts, refuse_lenses, remark_unused_keys
 from markergen.read.formats import Format, recognized, refuse_unreadable, split, unknown_format
@@ -93,15 +93,18 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
 
     ``path#NAME`` selects one of several cameras in a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``, and
     ``path#640x480`` gives the size of the images to a file without it. The principal point is converted to the
-    convention of `Camera`: pixel centers at integers. The names of `NAMED_CAMERAS` stand for typical cameras.
+    convention of `Camera`: pixel centers at integers. `typical_camera` lists texts that stand for typical cameras.
 
     Raises InputError if the file cannot be read, has no known format, or is incomplete or inconsistent; the message
     names file and key.
     """
-    if str(path) in NAMED_CAMERAS:
-        return NAMED_CAMERAS[str(path)]
-    if (str(path).isalnum() or get_close_matches(str(path), NAMED_CAMERAS, cutoff=0.8)) and not Path(path).exists():
-        raise InputError("a camera's file, or a typical camera", brief(str(path)), among(str(path), NAMED_CAMERAS))
+    text = str(path)
+    if typical := typical_camera(text):
+        return typical
+    is_name = text.isalnum() or re.match(r"\d+x\d+@", text) or get_close_matches(text, NAMED_CAMERAS, cutoff=0.8)
+    if is_name and not Path(path).exists():
+        remedy = among(text, [*NAMED_CAMERAS, SIZE_AND_ANGLE])
+        raise InputError("a camera's file, a typical camera, or image size and angle of view", brief(text), remedy)
     return _camera_of(*sized_document(path))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.errors import InputError, brief, reason_of
 from markergen.guard import place_of, read
-from markergen.model.camera import NAMED_CAMERAS, Camera
+from markergen.model.camera import Camera, typical_camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, sized_document
 from markergen.read.cameras.calibration import entries
 from markergen.read.cameras.document import Document, Fields, document_of
@@ -51,7 +51,7 @@ def camera_covariance(value: Path | str | Array | None, source: object, camera: 
         return read_camera_covariance(value, camera)
     if isinstance(source, Mapping):
         return _stored(document_of(source, "the dict"), None, camera)
-    if isinstance(source, str | os.PathLike) and str(source) not in NAMED_CAMERAS:
+    if isinstance(source, str | os.PathLike) and not typical_camera(source):
         return _stored(*sized_document(source), camera)
     return None
 
