@@ -130,6 +130,8 @@ def test_texts_that_mean_the_same_are_one():
         " cone : roll = -5 .. 5 , tilt=40.0..7e1 ",
         "cone:distance=600mm..1500mm,tilt=40..70,azimuth=-0..360,roll=-5..5,count=0400",
         "cone:distance=60cm..1.5m,tilt=40..70,roll=-5..5",
+        "cone:distance=60..150cm,tilt=40..70deg,roll=-5deg..5deg",
+        "cone:distance=600 .. 1500 mm,tilt=40..70,roll=-5..5",
         "cone:distance=0.6..1.5m,tilt=40..70,roll=-5..5,sampling=even",
     ):
         assert named_poses(text).name == name
@@ -154,7 +156,7 @@ def test_texts_that_mean_the_same_are_one():
         ("cone:distance=0..1", "distances above 0"),
         ("cone:distance=1e9", "distances above 0, of at most 1000 km"),
         ("cone:distance=-1..1", "distances above 0"),
-        ("cone:distance=600..1500mm", "a unit at both ends, found distance='600..1500mm'"),
+        ("cone:distance=0.4..800mm", "a unit at both ends, found distance='0.4..800mm'"),
         ("cone:distance=6in..15", "a unit at both ends"),
         ("cone:distance=1furlong", "a length for distance"),
         ("cone:distance=nan..1", "a finite distance"),

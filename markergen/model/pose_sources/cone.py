@@ -105,8 +105,8 @@ class Cone:
     def parse(text: str) -> "Cone":
         """Cone of a text such as ``cone:distance=0.4..1m,tilt=40..70,azimuth=-15..15,count=200``.
 
-        A single value stands for a range without a width. Lengths have units, a bare number is meters; where only one
-        end has a unit, other than m, it is refused. Angles are in degrees.
+        A single value stands for a range without a width. Lengths have units, a bare number is meters; the unit of
+        the second end holds for both, unless the first could be meters. Angles are in degrees.
 
         Raises
         ------
@@ -174,17 +174,19 @@ def _value(key: str, text: str) -> Any:
     if key != "distance":
         low, *rest = (_degrees(key, end) for end in ends)
         return low, *(rest or [low])
-    low, *rest = (parse_length(end, "distance", inf) for end in ends)
-    # 600..1500mm may be meant as 600 mm, and would be read as 600 m.
     units = [end.strip().lstrip("-+.0123456789eE").strip() for end in ends]
+    low, *rest = (parse_length(end, "distance", inf) for end in ends)
     if len(units) == 2 and "" in units and set(units) - {"", "m"}:
-        raise InputError("a unit at both ends", f"distance={brief(text)}", "write such as distance=600mm..1500mm")
+        # 30..80cm is 30 cm; 0.4..800mm may be from 0.4 m, or from 0.4 mm; 6in..15 to 15 m, or to 15 in.
+        if units[0] or low < rest[0]:
+            raise InputError("a unit at both ends", f"distance={brief(text)}", "write such as distance=600mm..1500mm")
+        low = parse_length(first.strip() + units[1], "distance", inf)
     return low, *(rest or [low])
 
 
 def _degrees(key: str, text: str) -> float:
     try:
-        value = float(text) if "_" not in text else float("nan")
+        value = float(text.removesuffix("deg")) if "_" not in text else float("nan")
     except ValueError:
         value = float("nan")
     if not isfinite(value):
