@@ -470,6 +470,9 @@ APART = 0.03
 FEWEST_PHOTOS, MOST_PHOTOS = 8, 40
 """Number of photographs from which on it is asked whether more help, and at which it ends in any case."""
 
+FIRST_REQUEST = "tilt it by 20 to 60 deg, to another side, in another part of the picture"
+"""What is asked for before that number."""
+
 Judge = Callable[[Sequence[NDArray[np.uint8]]], "Calibration"]
 
 
@@ -485,7 +488,7 @@ def photographs_of(
     judge : callable
         Calibrates with the photographs so far; what it raises as `InputError` asks for more.
     tell : callable
-        Takes a line for each photograph: what all of them cover, and which is wanted next.
+        Takes a line for each photograph: what all of them cover, and which is wanted next, where that changes.
 
     Raises
     ------
@@ -495,22 +498,30 @@ def photographs_of(
     taken: list[NDArray[np.uint8]] = []
     views: list[dict[tuple[int, int], Array]] = []
     before: dict[tuple[int, int], Array] = {}
+    asked, least = "", np.inf
     with open_video(source) as video, silent_opencv():
         for frame in video:
             diagonal = float(np.hypot(*frame.image.shape[:2]))
             dots = _dots(detector(frame.image))
-            is_still = _motion(dots, before) < STILL * diagonal
-            before = dots
+            motion = _motion(dots, before) / diagonal
+            is_still, least, before = motion < STILL, min(least, motion), dots
             if not is_still or any(_motion(dots, view) < APART * diagonal for view in views):
                 continue
             taken.append(frame.image.copy())
             views.append(dots)
-            wanted = _wanted(taken, judge)
-            tell(f"photograph {len(taken)}: {wanted or 'enough, more hardly help'}")
-            if not wanted or len(taken) == MOST_PHOTOS:
+            request, line = _wanted(taken, judge)
+            tell(f"photograph {len(taken)}: {line if request != asked else 'next as before'}")
+            if not request or len(taken) == MOST_PHOTOS:
                 break
+            asked = request
     if not taken:
-        raise InputError("a still view of the marker", f"none in {video.name}", "hold the camera or the marker still")
+        closest = f"{100 * least:.2g} % at least" if np.isfinite(least) else "the marker in no two frames in a row"
+        raise InputError(
+            "a still view of the marker: from one frame to the next its dots move by less than "
+            f"{100 * STILL:g} % of the picture's diagonal",
+            f"{closest} in {video.name}",
+            "hold the camera and the marker still for half a second, then move on, twenty times",
+        )
     return taken
 
 
@@ -532,15 +543,15 @@ def _motion(dots: dict[tuple[int, int], Array], others: dict[tuple[int, int], Ar
     return float(np.sqrt(np.mean([np.sum((dots[key] - others[key]) ** 2) for key in both])))
 
 
-def _wanted(taken: Sequence[NDArray[np.uint8]], judge: Judge) -> str:
-    """What all photographs cover, and the next one to take; empty if more hardly help."""
+def _wanted(taken: Sequence[NDArray[np.uint8]], judge: Judge) -> tuple[str, str]:
+    """The next photograph to take, empty if more hardly help, and a line that also says what all of them cover."""
     if len(taken) < FEWEST_PHOTOS:
-        return "tilt it by 20 to 60 deg, to another side, in another part of the picture"
+        return (FIRST_REQUEST,) * 2
     try:
         calibration = judge(taken)
     except InputError as error:
-        return str(error)
+        return (str(error),) * 2
     wanted = calibration.next_photos
     if wanted is None or not wanted.helps:
-        return ""
-    return f"{coverage_of(calibration.adjustment).sentence} {wanted.sentence}"
+        return "", "enough, more hardly help"
+    return wanted.photos[0].request, f"{coverage_of(calibration.adjustment).sentence} {wanted.sentence}"

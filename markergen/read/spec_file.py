@@ -259,6 +259,8 @@ _DECLARED: dict[str, Any] = {
 } | {"boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT), "clearance": (Length | None, ABSENT)}
 _SpecFile: Any = create_model("_SpecFile", __base__=_Table, title=(str, ABSENT), substrate=(Plate, ABSENT), **_DECLARED)
 _KEPT = {field.name for field in fields(Spec)}
+_BUILT = {"boundary", "camera", "keep_outs", "substrate"}
+"""Keys whose tables are built into what a spec holds."""
 
 
 def spec_of(marker: Marker) -> Spec | None:
@@ -305,10 +307,11 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         refusal = _option_refusal(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
         findings = InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places")
         raise refusal or findings from None
-    options = {
-        key: value for key, value in table.model_dump(exclude_unset=True, exclude={"poses"}).items() if key in _KEPT
-    }
-    if "camera" in options:
+    # Tables are built below. A dump of their unions of shapes has warned in a calibration from a film.
+    plain_values = table.model_dump(exclude_unset=True, exclude={"poses", *_BUILT})
+    options = {key: value for key, value in plain_values.items() if key in _KEPT}
+    built_keys = _BUILT & table.model_fields_set
+    if "camera" in built_keys:
         options["camera"] = _camera(table.camera)
     if options.get("n") == AUTO:
         raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
@@ -326,13 +329,13 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         options["image_noise"] = ImageNoise(**options["image_noise"])
     if table.poses is not None:
         options["poses"] = settled_poses(table.poses) if isinstance(table.poses, str) and not stored else table.poses
-    if "boundary" in options:
+    if "boundary" in built_keys:
         options["boundary"] = table.boundary.build()
     elif table.radius is not None:
         options["boundary"] = Circle(table.radius)
-    if "keep_outs" in options:
+    if "keep_outs" in built_keys:
         options["keep_outs"] = built(table.keep_outs)
-    if "substrate" in options:
+    if "substrate" in built_keys:
         options["substrate"] = table.substrate.build()
         # In older markers an outline from a drawing was not yet the plate's, and may have an edge.
         if stored and options["substrate"].edge and not options.get("boundary", Spec.boundary).has_measures:

@@ -1,11 +1,14 @@
 """A rendered video: a print held still before a camera again and again, and moved between."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import markergen as mg
+from markergen.calibration.next_photo import photographs_of
 from markergen.cli import main
 from markergen.render import DEFAULT_OPTICS, render_view
 
@@ -83,5 +86,40 @@ def test_a_video_without_the_marker_is_refused(tmp_path):
     for _ in range(3):
         video.write(np.full((480, 640, 3), 128, np.uint8))
     video.release()
-    with pytest.raises(mg.InputError, match="a still view"):
+    with pytest.raises(mg.InputError, match=r"a still view.*in no two frames in a row"):
         mg.calibrate(mg.design(n=5, restarts=1).marker, tmp_path / "grey.avi", CAMERA)
+
+
+def dots_at_grey_level(image):
+    """What a detector finds: four dots, 20 px farther right for each grey level."""
+    pixels = np.array([[100.0, 100], [200, 100], [200, 200], [100, 200]]) + [20.0 * np.round(image.mean()), 0]
+    return [SimpleNamespace(ok=True, ids=np.arange(4), pixels=pixels)]
+
+
+def film(path, levels):
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 25, (320, 240))
+    for level in levels:
+        video.write(np.full((240, 320, 3), level, np.uint8))
+    video.release()
+    return str(path)
+
+
+def test_a_request_is_printed_where_it_changes(tmp_path):
+    lines = []
+
+    def judge(taken):
+        raise mg.InputError("more", "less" if len(taken) < 10 else "still less", "go on")
+
+    source = film(tmp_path / "stops.avi", np.repeat(np.arange(12), 2))
+    assert len(photographs_of(source, dots_at_grey_level, judge, lines.append)) == 12
+    requests = [line.partition(": ")[2] for line in lines]
+    repeated = [later == requests[1] for later in requests]
+    # Seven of the first request, two and three of the judge's.
+    assert repeated == [False, *[True] * 6, False, True, False, True, True]
+
+
+def test_a_video_that_is_never_still_says_how_far_it_moves(tmp_path):
+    source = film(tmp_path / "moving.avi", np.arange(5))
+    # 20 of 400 px.
+    with pytest.raises(mg.InputError, match=r"0.05 % .*, found 5 % at least"):
+        photographs_of(source, dots_at_grey_level, None, None)
