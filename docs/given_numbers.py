@@ -15,6 +15,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
     "docs/calibrate.md": {
         DEFAULT: [
             "was read, # mm unless given",
+            "move by less than # % of the picture's diagonal, # px of",
             "to be off by # % along x and y",
             "expected error by less than # %, at forty",
         ],
@@ -181,6 +182,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
             "off by # % or more are probably",
             "off by # % of the outermost",
             "compared to # um",
+            "A2 for a disk of # mm",
             "which is # um (a quarter of a pixel for a PNG below # dpi)",
         ],
         MEANING: ['"actual size" or # %', "printed at # %"],
