@@ -515,7 +515,7 @@ def run_server(file: Path | None = None, port: int | None = None, browser: bool 
         token = secrets.token_urlsafe(16)
         app = studio_app(token, place, file)
         address = f"http://{HOST}:{place}/{token}/"
-        print(f"server at {address}; Ctrl-C ends it", flush=True)
+        print(f"Ctrl-C ends the server at {address}", flush=True)
         if browser:
             # Some browsers keep whoever opens them waiting.
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
