@@ -2,6 +2,7 @@
 
 import reprlib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 
 class MarkergenError(Exception):
@@ -95,3 +96,9 @@ def among(name: object, names: Iterable[str], listed: Sequence[str] = (), cutoff
     matches = get_close_matches(name, every, n=1, cutoff=cutoff) if isinstance(name, str) else []
     hint = f"did you mean {matches[0]!r}? Known" if matches else "known"
     return f"{hint}: {', '.join(listed or every)}"
+
+
+def install(extra: str) -> str:
+    """Return the command that installs an extra: in a checkout from there, else from the package index."""
+    is_checkout = (Path(__file__).parents[1] / "detector" / "pyproject.toml").exists()
+    return f"pip install ./detector '.[{extra}]'" if is_checkout else f"pip install 'markergen[{extra}]'"

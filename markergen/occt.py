@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
 
-from markergen.errors import MissingLibraryError
+from markergen.errors import MissingLibraryError, install
 
 
 def import_kernel() -> None:
@@ -63,5 +63,5 @@ def missing_kernel(need: str, actual: str) -> MissingLibraryError:
     """Return the error with what needs Open CASCADE, what was found, and what to install."""
     return MissingLibraryError(
         f"{need} Open CASCADE 7 (cadquery, or its kernel alone) with the system's libGL and libX11, found: {actual}; "
-        "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
+        f"install them with: {install('step')} && apt-get install libgl1 libx11-6"
     )

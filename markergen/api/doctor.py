@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
+from markergen.errors import install
 from markergen.files import Written
 from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table
@@ -13,7 +14,7 @@ from markergen.presentation.tables import Table
 VERSIONS = ("markergen", "markergen-detect", "numpy", "scipy")
 FLAVORS = ("opencv-contrib-python-headless", "opencv-contrib-python", "opencv-python-headless", "opencv-python")
 EXTRAS = {
-    "solids": (("OCP",), "export to .step and .brep"),
+    "step": (("OCP",), "export to .step and .brep"),
     "studio": (("starlette", "uvicorn"), "studio"),
     "cluster": (("distributed",), "study --scheduler"),
     "peers": (("pupil_apriltags", "stag", "ringgrid"), "compare with other detectors"),
@@ -66,7 +67,7 @@ def _rows() -> list[tuple[str, str, str]]:
     ]
     for extra, (modules, purpose) in EXTRAS.items():
         missing = [module for module in modules if find_spec(module) is None]
-        state = f"lacks {', '.join(missing)}: pip install 'markergen[{extra}]'" if missing else "installed"
+        state = f"lacks {', '.join(missing)}: {install(extra)}" if missing else "installed"
         rows.append((extra, state, purpose))
     return rows
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from markergen.errors import MissingLibraryError
+from markergen.errors import MissingLibraryError, install
 
 
 def serve(file: Path | None = None, port: int | None = None, browser: bool = True) -> None:
@@ -20,6 +20,6 @@ def serve(file: Path | None = None, port: int | None = None, browser: bool = Tru
             raise
         raise MissingLibraryError(
             f"expected starlette and uvicorn for the studio, found no {error.name}; "
-            "install them with: pip install 'markergen[studio]'"
+            f"install them with: {install('studio')}"
         ) from None
     server.run_server(file, port, browser)

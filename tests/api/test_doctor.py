@@ -10,7 +10,7 @@ def test_versions_and_what_is_missing(monkeypatch):
     rows = {name: (state, purpose) for name, state, purpose in doctor.diagnosis().rows}
     assert rows["cv2"][0] == cv2.__version__
     assert "windows: " in rows["cv2"][1]
-    assert rows["none"] == ("lacks no_such_module: pip install 'markergen[none]'", "nothing")
+    assert rows["none"] == ("lacks no_such_module: pip install ./detector '.[none]'", "nothing")
     assert rows["some"] == ("installed", "arrays")
 
 

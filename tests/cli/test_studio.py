@@ -29,7 +29,7 @@ def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, **pipes, text=True, cwd=tmp_path) as process, ended(process):
         line = process.stdout.readline()
-        address = line.removeprefix("server at ").partition(";")[0]
+        address = line.rpartition(" ")[2].strip()
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}options", timeout=30) as answer:
             assert b'"file":"mine.toml"' in answer.read()
@@ -76,5 +76,5 @@ def test_without_the_extra_it_says_what_to_install(capsys, monkeypatch, name):
     monkeypatch.setitem(sys.modules, name, None)
     assert main(["studio", "--no-browser"]) == 2
     said = capsys.readouterr().err
-    assert "pip install 'markergen[studio]'" in said
+    assert "pip install ./detector '.[studio]'" in said
     assert len(said.splitlines()) == 1

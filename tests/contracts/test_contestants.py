@@ -171,7 +171,7 @@ def test_without_its_library_it_says_what_to_install(name, monkeypatch):
     arena = Arena(Setting(Spec().boundary, PAPER_CAMERA, POSES))
     found = KINDS[name](EXAMPLES[name], arena)
     assert isinstance(found, Absent)
-    assert found.absent == f"needs {KINDS[name].requires}: pip install 'markergen[peers]'"
+    assert found.absent == f"needs {KINDS[name].requires}: pip install ./detector '.[peers]'"
     assert found.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, {}, 0.0).reason == found.absent
 
 

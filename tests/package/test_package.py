@@ -155,7 +155,7 @@ def test_a_solid_is_refused_in_one_line_that_says_what_to_install(bare, desk, su
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "No module named 'OCP'" in line
-    assert "pip install 'markergen[solids]'" in line
+    assert "pip install 'markergen[step]'" in line
     assert not (desk / f"m{suffix}").exists()
 
 
@@ -164,7 +164,7 @@ def test_a_cluster_is_refused_in_one_line_that_says_what_to_install(bare, desk):
     done = call(bare / "markergen", *words.split(), cwd=desk, check=False)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert 'pip install "markergen[cluster]"' in line
+    assert "pip install 'markergen[cluster]'" in line
 
 
 def test_solids_are_made_with_every_extra(whole, bare, desk, tmp_path, capsys):
@@ -175,7 +175,7 @@ def test_solids_are_made_with_every_extra(whole, bare, desk, tmp_path, capsys):
     # A STEP is read without the kernel no more than it is written.
     done = call(bare / "markergen", "verify", "marker.json", "m.step", cwd=tmp_path, check=False)
     assert done.returncode != 0
-    assert "pip install 'markergen[solids]'" in done.stdout + done.stderr
+    assert "pip install 'markergen[step]'" in done.stdout + done.stderr
     with capsys.disabled():
         print(f"\ninstalled: {size(bare)} MB, with every extra {size(whole)} MB")
 

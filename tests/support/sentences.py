@@ -70,7 +70,7 @@ SENTENCES = {
     "input overwritten": "one of the inputs",
     "edge on polygon": "an edge around a disk or a rectangle only",
     "keep-out outside": "keep-out {}, a disk of radius {} around ({}), lies wholly outside the boundary",
-    "install solids": "pip install 'markergen[solids]' && apt-get install libgl1 libx11-6",
+    "install solids": "pip install ./detector '.[step]' && apt-get install libgl1 libx11-6",
     "study there": "expected a new or empty folder, found this study, started in {}; continue it with --resume",
     "disk full": "No space left on device; finished cells remain: make room, and use --resume",
     # What markers, boundaries and plates are called
@@ -145,7 +145,7 @@ SENTENCES = {
     "cut": "the search was cut before its end",
     # Comparisons
     "tags of": "tags of {} % of that",
-    "needs peer": "needs stag-python: pip install 'markergen[peers]'",
+    "needs peer": "needs stag-python: pip install ./detector '.[peers]'",
     # The studio
     "near edge": "too near to the edge of the room, or beyond it",
     "near region": "too near to a region without dots, or in it",

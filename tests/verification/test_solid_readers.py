@@ -234,7 +234,7 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_parser):
     other_parser("lacks", f"def prepare():\n    raise ImportError({text!r})\n")
     (tmp_path / "a.step").write_bytes(data[".step"])
     (tmp_path / "a.stl").write_bytes(data[".stl"])
-    with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install 'markergen\[solids\]'"):
+    with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install \./detector '\.\[step\]'"):
         verify(marker, tmp_path / "a.step")
     # Other files are verified all the same.
     step, mesh = verify_all(lambda path: verify(marker, path), [tmp_path / "a.step", tmp_path / "a.stl"])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.errors import install
 from markergen.model.body import Body
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import Camera
@@ -29,9 +30,6 @@ Pose = tuple[Array, Array]
 """Rotation (3, 3) and translation (3,), m, of the marker in the camera frame."""
 
 OURS = "our detector"
-PEERS = "pip install 'markergen[peers]'"
-"""How to install the libraries of contestants that have their own."""
-
 _INK_PX, _INK_DISTANCE = 500, 1000.0
 """Radius in px at which ink is measured, and distance of the camera in radii, which leaves a perspective of 1e-3."""
 
@@ -320,7 +318,7 @@ class ContestantKind:
         try:
             return self.make(text, arena)
         except ImportError:
-            return Absent(text, f"needs {self.requires}: {PEERS}")
+            return Absent(text, f"needs {self.requires}: {install('peers')}")
 
 
 KINDS: Registry[ContestantKind] = Registry("contestant", "markergen.comparison.contestants", entry=ContestantKind)

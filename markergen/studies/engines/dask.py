@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from markergen.errors import InputError, MarkergenError, MissingLibraryError
+from markergen.errors import InputError, MarkergenError, MissingLibraryError, install
 from markergen.pool import BLAS_THREADS
 from markergen.registry import Luggage, outside, receive
 from markergen.studies.cells import Cell, Result, Work, versions
@@ -40,7 +40,7 @@ class Dask(Engine):
             import distributed
         except ImportError as error:
             raise MissingLibraryError(
-                f'expected Dask for --scheduler, found: {error}; install it with pip install "markergen[cluster]"'
+                f"expected Dask for --scheduler, found: {error}; install it with {install('cluster')}"
             ) from None
         del distributed
         address = self.options.scheduler

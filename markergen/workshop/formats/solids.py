@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import markergen
-from markergen.errors import MissingLibraryError, OutputError
+from markergen.errors import MissingLibraryError, OutputError, install
 from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
 from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.model.body import Body
@@ -588,7 +588,7 @@ def cadquery_assembly(solids: Sequence[NamedSolid], name: str) -> Any:
     except ImportError as error:
         raise MissingLibraryError(
             f"a cadquery.Assembly needs cadquery, found: {' '.join(str(error).split())}; "
-            "install it with: pip install 'markergen[solids]'"
+            f"install it with: {install('solids')}"
         ) from None
 
     def color(material: str) -> Any:
