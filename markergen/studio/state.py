@@ -22,7 +22,7 @@ from markergen.errors import InputError, brief
 from markergen.exporters import catalog
 from markergen.exporters.png import pixels_per_meter
 from markergen.model.boundary import Boundary, Circle, Polygon
-from markergen.model.camera import typical_camera
+from markergen.model.camera import NAMED_CAMERAS, SIZE_AND_ANGLE, typical_camera
 from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
@@ -295,7 +295,7 @@ def _names_one(value: object, kind: str) -> bool:
 
 
 def _named(flag: str, value: object, camera: bool = False) -> InputError:
-    names = f"write {' or '.join(NAMED_CAMERAS)}" if camera else "correct it"
+    names = f"write {' or '.join([*NAMED_CAMERAS, SIZE_AND_ANGLE])}" if camera else "correct it"
     remedy = f"{names}, or open the file in the page, which takes its content along"
     return InputError(f"{flag} without a file, in the studio", brief(value), remedy)
 
