@@ -116,7 +116,7 @@ def test_more_says_what_takes_longer() -> None:
         ({"radius": "1 parsec"}, "length"),
         ({"radius": "8,5cm"}, "write a point: 8.5cm"),
         ({"print_sigma": "0mm"}, "leave it out for 0.1mm"),
-        ({"camera": "1012,1009"}, "write webcam or phone, or open the file"),
+        ({"camera": "1012,1009"}, "write webcam or phone or 1280x720@60deg, or open the file"),
         ({"tag": "aruco"}, "a known family of tags such as aruco:DICT_4X4_50"),
         ({"points": "0,0"}, "4 to 200 dots"),
         ({"paper": "bananas"}, "a known paper size"),
