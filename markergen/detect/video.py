@@ -158,7 +158,8 @@ def detect_video(
     rows = 0.0 if readout is None else parse_readout(readout)
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth), rows)
     if overlay and Path(overlay).suffix.lower() not in CODECS:
-        raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
+        name = Path(overlay).with_suffix(".mp4")
+        raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), f"give --overlay {name}")
     inputs = files_among(one, *as_list(markers), camera, options.get("camera_covariance"))
     check_outputs(files_among(json, overlay), inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None

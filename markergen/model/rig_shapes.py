@@ -138,7 +138,9 @@ def rig_shape(text: str, without: Sequence[str] = (), **measures: float | None) 
 
 def _no_rest(kind: str, rest: str) -> None:
     if rest:
-        raise InputError(f"nothing behind {kind}", brief(rest), f"write {kind}, and measures as options")
+        measure = rest if re.fullmatch(r"[\d.]+ ?[a-z]+", rest) else "80mm"
+        remedy = f"write {kind}, and measures as options, such as --{OPTIONS[kind][0]} {measure}"
+        raise InputError(f"nothing behind {kind}", brief(rest), remedy)
 
 
 def _count(rest: str, form: str, example: str) -> list[int]:

@@ -338,7 +338,11 @@ def test_what_cannot_begin_is_refused(folder, tmp_path):
         ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
         ("walk.avi", {"readout": "30ms"}, "a filter for --readout"),
         ("walk.avi", {"smooth": "2,10", "readout": "-30ms"}, "a readout time"),
-        ("walk.avi", {"overlay": "seen"}, "a name for a video that ends in .mp4 or .avi, found seen"),
+        (
+            "walk.avi",
+            {"overlay": "seen"},
+            "a name for a video that ends in .mp4 or .avi, found seen; give --overlay seen.mp4",
+        ),
         ("walk.avi", {"overlay": "walk.avi"}, "one of the inputs"),
         ("walk.avi", {"overlay": "no/such/seen.mp4"}, "the folder no/such does not exist"),
         ("walk.avi", {"json": "marker.json"}, "one of the inputs"),

@@ -72,6 +72,7 @@ def test_thick_plates_with_a_wide_edge_are_set_back_farther(angle, setback):
     [
         ("dodecahedron", {}, "known shape"),
         ("cube 3", {}, "nothing behind cube"),
+        ("cube 60mm", {}, "such as --edge 60mm"),
         ("prism", {}, "prism:6"),
         ("prism:2", {}, "3 to 98 sides"),
         ("wall 3", {}, "wall 3x2"),
