@@ -21,9 +21,11 @@ from markergen.bounds.confusion.affine import foreign_safety
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.bounds.dot_covariances import body_bounds
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker, build_marker
+from markergen.model.planned_error import PlannedError
 from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.recorded_poses import RecordedPoses
@@ -371,6 +373,9 @@ def _account(
     # Median and RMS of the rotation in degrees, then of the translation in m.
     expected = np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
     blind = int(np.isinf(joint[0]).sum())
+    rotation, translation = float(expected[0, 1]), 1e3 * float(expected[0, 3])
+    # Of the image noise and the print alone, as in the table.
+    plan = PlannedError(rotation, translation, float(poses.distance.max()), exact=ErrorSources().exact)
     in_view, dots_in_view = covered.plates.mean(), covered.count.mean()
     kind = "of the joint pose" if stored["joint"] else "of each plate alone"
     summary = (
@@ -381,7 +386,7 @@ def _account(
         f"dots of {dots or 'the given markers'}\n"
         f"a pose sees dots of {in_view:.3g} plates, {dots_in_view:.3g} in all, on average"
         f"{f'; {blind} see no four dots of a plate' if blind else ''}\n"
-        f"{stored['told_apart']}"
+        f"{stored['told_apart']}\n{plan.sentence}"
     )
     rows = [
         [name, *(f"{value:.3g}" for value in values * [1, 1, 1e3, 1e3])]

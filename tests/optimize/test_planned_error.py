@@ -3,6 +3,7 @@
 import pytest
 
 from markergen.api.design import design
+from markergen.api.design import rig as design_rig
 from markergen.api.validate import validate
 from markergen.drawing.print_measurements import measured_columns
 from markergen.model.marker import Marker
@@ -24,6 +25,15 @@ def test_it_is_the_same_everywhere(found, tmp_path):
     assert proved.headline["exact"] == plan.exact == "scale and calibration"
     for text in (found.brief(), proved.brief(), measured_columns(found.marker, (100, 100))):
         assert plan.amounts in " ".join(map(str, text))
+
+
+def test_a_rig_has_that_of_its_validation():
+    poses = "sphere:distance=0.3..0.5,count=30"
+    rig = design_rig("cube", edge="80mm", n=4, restarts=1, poses=poses)
+    headline = validate(rig.rig, runs=0, views=0).headline
+    farthest = float(rig.poses.distance.max())
+    plan = PlannedError(headline["rotation_deg"], headline["translation_mm"], farthest, exact="scale and calibration")
+    assert plan.sentence in rig.brief()[0]
 
 
 def test_a_measured_print_is_better(found):
