@@ -25,6 +25,10 @@ FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
 
 
+class Ended(Exception):
+    """A search was asked to end, and what it had found by then is written."""
+
+
 class Silence:
     """Whether nothing but errors, and JSON on standard output, is to be printed: ``--quiet``."""
 

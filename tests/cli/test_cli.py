@@ -318,10 +318,11 @@ def test_ctrl_c_ends_cleanly(marker, arguments):
     out, err = process.communicate(timeout=20)
     # Python itself makes it the latter, which shells also call 130, if code in a string was running.
     assert process.returncode in (130, -signal.SIGINT), err
-    assert err.splitlines()[-1] == "markergen: error: interrupted"
     assert "Traceback" not in err
-    # The best that a search has so far is written, whole.
+    # The best that a search has so far is written, whole, which is no error.
     written = names(marker.parent) - {"marker.json"}
+    assert ("markergen: error: interrupted" in err.splitlines()) != bool(written)
+    assert ("search interrupted after" in out) == bool(written)
     assert written in ([set(), {"m.json", "m.pdf"}] if arguments.startswith("design") else [set()])
     assert ("wrote" in out) == bool(written)
     # Nobody of the group is left: asking it for a sign of life fails.

@@ -5,8 +5,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from markergen.cli import console
 from markergen.cli.options import Details, Json, with_options
 from markergen.options.declarations import DesignKeywords
@@ -34,4 +32,4 @@ def design(json: Json = None, details: Details = False, **options: Any) -> None:
         result = find(progress=progress, json=console.file_of(json), **options)
     console.print_result(result, json, details=details)
     if limit.asked:
-        raise typer.Exit(console.INTERRUPTED)
+        raise console.Ended
