@@ -42,7 +42,8 @@ def line_up(
     Parameters
     ----------
     texts : sequence of str
-        Contestants in the forms of `markergen.comparison.contestants.listed`; a single one is compared with `DEFAULTS`.
+        Contestants in the forms of `markergen.comparison.contestants.listed`, or the first word of one of `DEFAULTS`,
+        with which a single one is compared.
     poses : str, PoseDistribution or None
         Poses to use instead, in any form that `poses_from` accepts.
     seed : int
@@ -60,7 +61,8 @@ def line_up(
     if not texts:
         raise InputError("contestants to compare", "none", f"name some: {forms()}")
     bodies = given or {}
-    wanted = list(dict.fromkeys(texts))
+    usual = {text.partition(":")[0]: text for text in DEFAULTS}
+    wanted = list(dict.fromkeys(text if text in bodies else usual.get(text, text) for text in texts))
     loaded = {
         text: bodies[text] if text in bodies else _read(text)
         for text in wanted
@@ -69,7 +71,7 @@ def line_up(
     rigs = {text: body for text, body in loaded.items() if body.frame == "rig"}
     if rigs:
         return _rig_line_up(wanted, rigs, poses)
-    wanted = list(dict.fromkeys([*texts, *DEFAULTS])) if len(texts) == 1 else wanted
+    wanted = list(dict.fromkeys([*wanted, *DEFAULTS])) if len(texts) == 1 else wanted
     markers = {text: _visible(text, body) for text, body in loaded.items() if body.frame == "marker"}
     first = next(iter(markers.values()), None)
     judged = setting_of(first, poses) if first else _default_setting(poses)

@@ -24,6 +24,7 @@ _LINES = ("-", "--", "-.", ":")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _STEPS = (1, 2, 5)
 """Mantissas of the tick labels on logarithmic axes."""
+ERRORS = "RE and TE: rotation error, deg, and translation error, % of the distance."
 _SHOWN = 8
 """Maximum number of contestants in a repr."""
 
@@ -186,7 +187,7 @@ def _overview(results: Mapping[str, Any]) -> Table:
         )
     header = ["", *(["in a"] if rooms_differ else []), "found", "RE rms", "95 %", "median", "p95", "ratio (95 %)"]
     caption = (
-        "Over the views that each found; RE in deg. "
+        "Over the views that each found; RE: rotation error, deg. "
         f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
         + (" Rooms differ: a marker in a larger one has smaller errors by its size alone." if rooms_differ else "")
     )
@@ -217,8 +218,8 @@ def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
     header = ["", "ink", "RE bound", "RE/bound", "TE rms", "px rms", "wrong", *(["CPU"] if cpu_s else [])]
     caption = (
         "Bound: RMS over all views of what all grey levels would tell about the pose of an exact print. "
-        "RE/bound: what the detector makes of its pattern, in the views that it found; TE in %."
-        + (" CPU: median time of one view, in this run." if cpu_s else "")
+        "RE/bound: what the detector makes of its pattern, in the views that it found. "
+        f"{ERRORS}" + (" CPU: median time of one view, in this run." if cpu_s else "")
     )
     return Table("Pattern and detector", header, rows, caption)
 
@@ -238,7 +239,7 @@ def _common(results: Mapping[str, Any]) -> Table:
     views = results["views"]
     header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
     title = f"Over the {views['common']} of {views['count']} views found by all that found 90 %"
-    return Table(title, header, rows, "Flips are counted over all views.")
+    return Table(title, header, rows, f"{ERRORS} Flips are counted over all views.")
 
 
 def _photometric(results: Mapping[str, Any]) -> Table:
@@ -280,7 +281,7 @@ def _interval(ends: Sequence[float] | None) -> str:
 def _split(results: Mapping[str, Any], by: str, unit: str, variable: str) -> Table:
     groups = list(results["contestants"][0][by])
     rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
-    title = f"RE rms, deg, by {variable}"
+    title = f"Rotation error, RMS in deg, by {variable}"
     caption = "Over the views that each found; in brackets how many those are, where not all."
     return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
 

@@ -128,6 +128,11 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
     assert np.hypot(*ngon.xyz[:, :2].T) == pytest.approx(0.15 - 0.6 * 0.036)
 
 
+def test_a_kind_alone_is_the_usual_one(marker):
+    names = [contestant.name for contestant in line_up([marker, "aruco", "circles", "square"])[0]]
+    assert names == [marker, "aruco:DICT_4X4_50", "circles:5x5", "square"]
+
+
 def test_an_inverted_marker_meets_inverted_layouts(pentagon):
     contestants, _ = line_up(["own", "ngon", "random"], given={"own": light_marker(pentagon)})
     assert all(each.body.light for each in contestants)

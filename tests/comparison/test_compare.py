@@ -292,13 +292,14 @@ def test_tables_name_everyone_and_everything(results):
 
 def test_the_table_names_rooms_where_they_differ(results):
     disk, small = "disk of radius 150 mm", "disk of radius 100 mm"
-    assert {entry["room"] for entry in results["contestants"]} == {disk}
-    first, *others = results["contestants"]
-    mixed = results | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
-    same, differ = (comparison_tables(entries)[0] for entries in (results, mixed))
+    found = results.found
+    assert {entry["room"] for entry in found["contestants"]} == {disk}
+    first, *others = found["contestants"]
+    mixed = found | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
+    same, differ = (comparison_tables(entries)[0] for entries in (found, mixed))
     assert [row[1] for row in differ.rows] == [disk, *[small] * len(others)]
     assert [[row[0], *row[2:]] for row in differ.rows] == same.rows
-    assert disk in heading(results)
+    assert disk in heading(found)
     assert disk not in heading(mixed)
 
 
