@@ -29,7 +29,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.photos import PhotographedDots, find_dots, joined
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
-from markergen.calibration.residuals import Cleaned, adjust_robustly, likely_cause, noise_of
+from markergen.calibration.residuals import FACTOR, Cleaned, adjust_robustly, likely_cause, noise_of
 from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -658,10 +658,11 @@ def _result(
             f"the residuals are larger than the noise of the photographs, chi2 {adjustment.variance_factor:.3g} per "
             f"degree of freedom; most likely {cause}"
         )
-    if not knowledge.free and adjustment.variance_factor > ELSEWHERE:
+    if not knowledge.free and adjustment.variance_factor > FACTOR:
+        quite = "" if adjustment.variance_factor > ELSEWHERE else "quite "
         notes.append(
-            f"the dots are not where they were designed, chi2 {adjustment.variance_factor:.3g} per degree of freedom: "
-            "measure them, without --geometry nominal, for a better camera"
+            f"the dots are not {quite}where they were designed, or the photographs were processed, chi2 "
+            f"{adjustment.variance_factor:.3g} per degree of freedom: without --geometry nominal, calibrate says which"
         )
     notes += [*sightings.doubts, *sightings.notes]
     for camera in cameras:

@@ -105,9 +105,10 @@ class ScaleErrors:
 
     def source(self, design: Marker, network: Network, off: float) -> str:
         """Say where the first marker's scale comes from and how well it is known; `off` as of `contradictions`."""
-        if not network.free:
-            return "The scale is that of the design."
         left, ruled = self.mean(design), any(self.by_rulers(design))
+        if not network.free:
+            is_rescaled = ruled or design.print_scale != (1.0, 1.0)
+            return f"The scale is that of the {'rulers given to markergen rescale' if is_rescaled else 'design'}."
         why = f" only, since {doubt(off)}" if off else ""
         if network.lengths:
             share = sum((ruler.length / ruler.sigma) ** 2 for ruler in network.lengths) ** -0.5

@@ -11,6 +11,8 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.quiver import Quiver
 from sentences import sentence
 
+from markergen.calibration.adjustment import Adjustment
+from markergen.calibration.calibration import Known
 from markergen.calibration.coverage import view_angles
 from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.network import Length
@@ -293,3 +295,11 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
             assert edge @ np.linalg.solve(covariance[k, :2, :2], edge) == pytest.approx(4.0)
     arrows = next(each for each in ax.collections if isinstance(each, Quiver))
     assert np.column_stack([arrows.U, arrows.V]) == pytest.approx(ends - points)
+
+
+@pytest.mark.parametrize(("factor", "doubted"), [(1.2, ""), (5.0, "not quite where"), (20.0, "not where")])
+def test_dots_that_are_held_and_do_not_fit_are_named(calibrated, make_ngon, monkeypatch, factor, doubted):
+    monkeypatch.setattr(Adjustment, "variance_factor", property(lambda _: factor))
+    notes = calibrated([make_ngon(9, 0.11, 0.02)], 8, Known(free=False), false=0).notes
+    assert any(f"dots are {doubted} they were designed" in note for note in notes) == bool(doubted)
+    assert any("where they were designed" in note for note in notes) == bool(doubted)
