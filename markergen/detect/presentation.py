@@ -92,17 +92,18 @@ def _draw(canvas: NDArray[Any], result: "Found") -> None:
             for diameter in filter(None, (point.feature.diameter, point.feature.inner_diameter)):
                 circle = _CIRCLE * diameter + [point.x, point.y, point.z]
                 _polyline(canvas, _seen(result, plate, circle), color, closed=True)
+    taken: list[Array] = []
     if pose is not None:
         for axis, (name, color) in zip(np.eye(3), _AXES.items(), strict=True):
             pixels = _seen(result, None, np.stack([0 * axis, axis]) * target.radius / 2)
             _polyline(canvas, pixels, color, width=2)
-            _label(canvas, pixels[1], name, color)
+            _label(canvas, pixels[1], name, color, result.pixels[:0], taken)
     for pixel in result.pixels:
         for arm in ((4, 0), (0, 4)):
             _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
     row = {number: k for k, number in enumerate(target.ids.tolist())}
     for number, pixel in zip(result.ids.tolist(), result.pixels, strict=False):
-        _label(canvas, pixel, str(target.dots[row[number]][1]), _FOUND)
+        _label(canvas, pixel, str(target.dots[row[number]][1]), _FOUND, result.pixels, taken)
 
 
 def _seen(result: "Found", plate: Plate | None, points: Array) -> Array:
@@ -130,14 +131,26 @@ def _polyline(
         cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
 
 
-def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
+def _label(
+    canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int, int], points: Array, taken: list[Array]
+) -> None:
+    """Draw text beside a pixel where it hides neither points (k, 2) nor boxes taken before; without room, none."""
     import cv2
 
-    if (np.abs(pixel) < _FARTHEST).all():
-        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
-        x, y = int(pixel[0]) + 7, int(pixel[1]) - 7
-        cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), color, cv2.FILLED)
-        cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    if not (np.abs(pixel) < _FARTHEST).all():
+        return
+    larger = max(1.0, len(canvas) / 720)
+    size, bold = 0.45 * larger, round(larger)
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, bold)
+    for side, rise in ((1, -1), (-1, -1), (-1, 1), (1, 1)):
+        x, y = (pixel + [side * (7 + width / 2) - width / 2, rise * (7 + height / 2) + height / 2]).astype(int).tolist()
+        box = np.array([[x - 2, y - height - 3], [x + width + 2, y + 3]])
+        hides = ((points > box[0]) & (points < box[1])).all(axis=1).any()
+        if not hides and not any((box[0] < other[1]).all() and (other[0] < box[1]).all() for other in taken):
+            taken.append(box)
+            cv2.rectangle(canvas, box[0].tolist(), box[1].tolist(), color, cv2.FILLED)
+            cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), bold, cv2.LINE_AA)
+            return
 
 
 def transform_as_dict(rotation: Array, translation: Array) -> dict[str, Any]:

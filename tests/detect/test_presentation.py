@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect
-from markergen.detect.presentation import overlay
+from markergen.detect.presentation import _label, overlay
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view
@@ -50,6 +50,19 @@ def test_every_outline_is_drawn(shapes, make_in):
         columns, rows = np.rint(pixels).astype(int).T
         near = [changed[y - 1 : y + 2, x - 1 : x + 2].any() for x, y in zip(columns, rows, strict=True)]
         assert np.mean(near) > 0.95
+
+
+def test_numbers_of_a_dense_grid_hide_neither_dots_nor_each_other():
+    canvas, taken = np.zeros((480, 640, 3), np.uint8), []
+    points = 100.0 + 18.0 * np.argwhere(np.ones((10, 10)))
+    for number, point in enumerate(points):
+        _label(canvas, point, str(number), (0, 110, 255), points, taken)
+    # Those of the rim have room, those inside have none.
+    assert 20 <= len(taken) < 40
+    assert not canvas[tuple(points[:, ::-1].astype(int).T)].any()
+    boxes = np.array(taken)
+    apart = (boxes[:, None, 0] >= boxes[None, :, 1]).any(axis=-1)
+    assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
 
 
 def test_axes_need_a_pose(pentagon):
