@@ -185,6 +185,7 @@ def look(options: Any) -> dict[str, Any]:
         {
             "start": layout.start,
             "print_sigma": layout.sources.print_sigma,
+            "noise_model": spec.noise_model,
             "room": _room(spec),
             "clearance": layout.region.clearance,
             "problems": [{"dots": list(fault.dots), "line": fault.words} for fault in layout.faults],

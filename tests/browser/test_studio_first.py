@@ -132,9 +132,12 @@ def test_a_distance_that_is_none_is_marked_and_nothing_is_downloaded(refusing, f
 
 def test_the_print_error_in_use_stands_in_its_field(refusing):
     planned = refusing.degrees()
+    model = refusing.page.locator("#option-noise_model option").first
     assert refusing.page.get_attribute("#option-print_sigma", "placeholder") == "0.1mm"
+    assert model.inner_text() == "point"
     type_in(refusing, "print_sigma", "0.1")
     assert refusing.degrees() == planned
+    assert model.inner_text() == "image"
     type_in(refusing, "print_sigma", "0")
     refusing.page.wait_for_selector("#option-print_sigma[aria-invalid]")
     type_in(refusing, "print_sigma", "0.2")
@@ -182,6 +185,14 @@ def test_dots_that_no_longer_fit_are_searched_for_anew_or_take_heights(address, 
         studio.settle()
         page.wait_for_selector("#problems li", state="detached")
         assert studio.state() == {"radius": "50mm", "relief": "10mm", "n": 4}
+
+
+def test_warnings_stand_below_the_marker(address, opened):
+    points = "0mm,60mm; -60mm,0mm; 0mm,-60mm; 60mm,0mm"
+    state = {"points": points, "dot": "12mm", "radius": "90mm", "dowel": "4mm:0mm,47mm", "poses": "cone:count=3"}
+    with opened(link_of(state, address), allowed(address)) as page:
+        page.wait_for_selector("#warnings li:has-text('quiet zones of dots')", timeout=60_000)
+        assert "\u201cgap around dots\u201d" in page.inner_text("#warnings")
 
 
 def test_options_in_a_refusal_are_fields(refusing):

@@ -188,9 +188,9 @@ const fill = () => {
   by("first-paper").value = options.paper || look?.options.paper || "";
   by("first-camera").value = typeof options.camera === "object" ? "file" : options.camera === "phone" ? "phone" : "";
   if (document.activeElement !== by("first-far")) by("first-far").value = /distance=(?:[^,]*\.\.)?(-?[\d.]+)m?,/.exec(options.poses)?.[1] ?? "";
-  if (look) by("first-far").placeholder = `${[Math.min, Math.max].map((end) => digits(end(...look.poses.distance), 2)).join(" to ")}${options.poses ? "" : ", the paper\u2019s"}`;
+  if (look) by("first-far").placeholder = `${[Math.min, Math.max].map((end) => Number(digits(end(...look.poses.distance), 2))).join("\u2013")}${options.poses ? "" : ", the paper\u2019s"}`;
   fields.show(options, look ? {
-    n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm`, print_sigma: `${Number(mm(look.print_sigma, 4))}mm`,
+    n: String(look.dots.length), points: "", dot: `${mm(look.dots[0].diameter, 1)} mm`, print_sigma: `${Number(mm(look.print_sigma, 4))}mm`, noise_model: look.noise_model,
     radius: options.boundary ? "by the shape of the room" : `${mm(look.room.radius, 0)}mm`,
   } : {});
   mark();

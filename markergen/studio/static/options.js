@@ -105,7 +105,9 @@ function control(option, change) {
       const values = !given ? [] : option.repeatable ? [value].flat() : [value], words = values.filter((each) => typeof each !== "object");
       const others = values.length - words.length;
       note.textContent = !others ? "" : option.repeatable ? `${words.length ? "and " : ""}${others} drawn or from a file` : "drawn or from a file";
-      input.placeholder = !others ? placeholder || usual : option.repeatable ? "type to add some" : "type to replace it";
+      const usually = !others ? placeholder || usual : option.repeatable ? "type to add some" : "type to replace it";
+      if (input.options) input.options[0].textContent = usually;
+      else input.placeholder = usually;
       // What is being typed is not overwritten.
       if (input !== document.activeElement || input.value === own) input.value = own = words.join(" | ");
     },
