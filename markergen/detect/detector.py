@@ -158,7 +158,7 @@ class Detector:
         named = [_marker(source, f"marker {k}" if len(sources) > 1 else "marker") for k, source in enumerate(sources)]
         self._markers = tuple(marker for marker, _ in named)
         self._names = tuple(name for _, name in named)
-        doubts = [f"{name}: {words}" for marker, name in named if (words := misfit_words(marker))]
+        doubts = [f"{name}: {doubt}" for marker, name in named if (doubt := misfit_words(marker))]
         self._note = "\n".join(filter(None, [self._note, *doubts]))
         printed = planned_print(*self._markers) if print_sigma is None else parse_length(print_sigma, "print_sigma")
         errors = ErrorSources(printed, covariance, scale_sigma=scale_sigma)
