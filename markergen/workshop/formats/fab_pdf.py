@@ -52,10 +52,10 @@ def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Ou
     """
     body = designed(only(bodies, ".fab.pdf"))
     made = made_of(body, options.fabrication)
-    if isinstance(body, Rig) and (options.fabrication.datum or options.fabrication.hole):
-        raise InputError("the drawing of a marker for --datum and --hole", "a rig", "draw its markers one by one")
     if isinstance(body, Marker):
         data, notes = write_fabrication_sheet(workpiece(body, options.fabrication, made.made[0]), options.sheet)
+    elif options.fabrication.datum or options.fabrication.hole:
+        raise InputError("the drawing of a marker for --datum and --hole", "a rig", "draw its markers one by one")
     else:
         data, notes = _of_rig(body, made, options)
     return Output(data, (*notes, *solid_notes(body, made, options)))
