@@ -150,7 +150,7 @@ def test_version(capsys):
         ("design --radius nan", "finite"),
         ("design --radius wide", "'--radius': expected a length"),
         ("design --dot 5xx", "a number and one of m, cm, mm"),
-        ("design --print-sigma 0.1mm", "use --noise-model image"),
+        ("design --noise-model point --print-sigma 0.1mm", "use --noise-model image"),
         ("design --dot auto --print-sigma -1mm", "a print error of 0 or more"),
         ("design --n 201", "at most 200"),
         ("design --n 99999999999999999999", "n: "),

@@ -61,7 +61,7 @@ def test_the_solid_has_the_tag(here):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--tag", "aruco:DICT_4X4_51:1"], "did you mean 'aruco:DICT_4X4_50'? Known: aruco:DICT_4X4_50, "),
+        (["--tag", "aruco:DICT_4X4_51:1"], "did you mean 'aruco:DICT_4X4_50'? Known: aruco:DICT_4X4_50 to "),
         (["--tag", "aruco:DICT_4X4_50:50"], "expected an id of 0 to 49 in aruco:DICT_4X4_50, found id=50"),
         (["--tag", "apriltag:36h11:x"], "write the id as a number"),
         (["--tag", "apriltag:36h11:1", "--tag-size", "100mm"], "in the middle of a disk of radius 60 mm; use --tag-s"),
