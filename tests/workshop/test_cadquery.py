@@ -87,6 +87,6 @@ def test_what_cannot_be_made_is_refused_in_one_line():
 
 def test_without_cadquery_it_is_refused_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "cadquery", None)
-    with pytest.raises(MissingLibraryError, match=r"cadquery\.Assembly needs cadquery.*markergen\[solids\]") as error:
+    with pytest.raises(MissingLibraryError, match=r"cadquery\.Assembly needs cadquery.*\[solids\]") as error:
         MARKER.to_cadquery(engrave=False)
     assert "\n" not in str(error.value)
