@@ -9,7 +9,7 @@ from markergen.defaults import VIEWS
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.model.body_json import load_marker_or_rig
-from markergen.model.rescale import misfit_words
+from markergen.model.rescale import poor_fit_sentence
 from markergen.model.rig import planned_print
 from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
@@ -121,7 +121,7 @@ def validate(
     targets.check(
         files_among(marker, camera, *(settled[key] for key in ("camera_covariance", "poses", "camera_in_body")))
     )
-    if doubt := misfit_words(judged):
+    if doubt := poor_fit_sentence(judged):
         _log.warning("%s", doubt)
     began = time.perf_counter()
     _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)

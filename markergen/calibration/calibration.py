@@ -29,7 +29,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.photos import PhotographedDots, find_dots, joined
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
-from markergen.calibration.residuals import FACTOR, Cleaned, adjust_robustly, likely_cause, noise_of
+from markergen.calibration.residuals import Cleaned, adjust_robustly, likely_cause, noise_of
 from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -42,7 +42,7 @@ from markergen.model.body_json import body_to_json
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.rescale import by_rulers, photographed
+from markergen.model.rescale import POOR_FIT, by_rulers, photographed
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
@@ -658,7 +658,7 @@ def _result(
             f"the residuals are larger than the noise of the photographs, chi2 {adjustment.variance_factor:.3g} per "
             f"degree of freedom; most likely {cause}"
         )
-    if not knowledge.free and adjustment.variance_factor > FACTOR:
+    if not knowledge.free and adjustment.variance_factor > POOR_FIT:
         quite = "" if adjustment.variance_factor > ELSEWHERE else "quite "
         notes.append(
             f"the dots are not {quite}where they were designed, or the photographs were processed, chi2 "

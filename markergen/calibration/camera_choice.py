@@ -12,6 +12,7 @@ from markergen.calibration.judging import LeftOut, NotJudged, Paired, Photograph
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.calibration.projection_uncertainty import pixel_grid
 from markergen.model.camera import Camera, Distortion
+from markergen.model.rescale import POOR_FIT
 
 CHANCE = 0.01
 """Probability by chance alone at which a camera parameter joins, or is held."""
@@ -105,7 +106,7 @@ def choose_camera(
         absent = [group for group in groups if not set(group) <= set(current.names)]
         better: list[_Fit] = []
         # What one of them leaves over can hide what it gains: a lens off center and pixels off square need both.
-        for count in range(1, len(absent) + 1 if current.whole.variance_factor > POORLY else 2):
+        for count in range(1, len(absent) + 1 if current.whole.variance_factor > POOR_FIT else 2):
             more = [(*current.names, *chain.from_iterable(several)) for several in combinations(absent, count)]
             better = [fit for names in more if (fit := attempted(names, current)) is not None]
             if better:
@@ -113,7 +114,7 @@ def choose_camera(
         if not better:
             break
         current = take(min(better, key=lambda fit: fit.left_out.rms))
-    if current.whole.variance_factor > POORLY and camera.distortion.model == "radtan":
+    if current.whole.variance_factor > POOR_FIT and camera.distortion.model == "radtan":
         bent = current.whole.camera
         lenses = [(rational(camera), (*current.names, *_LAST)), (_equidistant(bent), _FISHEYE)]
         better = []
@@ -142,9 +143,8 @@ _STARTS = (("fx", "cx", "cy", "k1", "k2"), ("fx", "cx", "cy", "k1"), ("fx", "cx"
 
 _EXTRA = (("p1", "p2"), ("k3",), ("fy",))
 _LAST, _FISHEYE = ("k4", "k5", "k6"), ("fx", "cx", "cy", "k1", "k2", "k3", "k4")
-POORLY = 2.0
-"""chi2 per degree of freedom above which these are tried: the denominator of a quotient of polynomials, and a
-fisheye's lens, of which views of 100 degrees look like a radtan lens at first."""
+"""Tried where the fit is poor: the denominator of a quotient of polynomials, and a fisheye's lens, of which views of
+100 degrees look like a radtan lens at first."""
 _HELD = (("k2",), ("k1",), ("cx", "cy"))
 
 

@@ -33,6 +33,7 @@ from markergen.calibration.camera_choice import wider_lenses
 from markergen.calibration.flexing import Flex
 from markergen.calibration.judging import NotJudged
 from markergen.calibration.network import LEAST_DOTS, Network, Views
+from markergen.model.rescale import POOR_FIT
 
 FALSE_ALARM = 1e-3
 """Probability that any measurement of a network without outliers is rejected."""
@@ -209,9 +210,8 @@ def _squares(fields: Sequence[_Field], square: float) -> tuple[float, float]:
     return total, expected
 
 
-FACTOR, CHANCE = 2.0, 1e-3
-"""chi2 per degree of freedom, and its probability by the noise alone, at which a model counts as wrong: photographs of
-which camera and print are right have 0.9 to 1.4, those with a lens model that lacks a coefficient 7 and more."""
+CHANCE = 1e-3
+"""Probability of a poor fit by the noise alone at which a model counts as wrong."""
 
 EXPLAINS = 0.5
 """Share of the excess of chi2 that a cause has to explain."""
@@ -224,7 +224,7 @@ def likely_cause(adjustment: Adjustment, flex: Flex | NotJudged) -> str:
     """
     factor, freedom = adjustment.variance_factor, adjustment.degrees_of_freedom
     network = adjustment.network
-    if not network.free or freedom <= 0 or factor < FACTOR or chdtrc(freedom, adjustment.chi2) > CHANCE:
+    if not network.free or freedom <= 0 or factor < POOR_FIT or chdtrc(freedom, adjustment.chi2) > CHANCE:
         return ""
     for name, larger in wider_lenses(replace(network, cameras=adjustment.cameras)):
         fitted = attempt(larger, adjustment.views, adjustment.weights, adjustment.places)

@@ -25,7 +25,7 @@ from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import Camera, typical_camera
 from markergen.model.detector_json import detector_content
 from markergen.model.marker import Marker, check_supported
-from markergen.model.rescale import misfit_words
+from markergen.model.rescale import poor_fit_sentence
 from markergen.model.rig import Rig, Target, planned_print
 from markergen.options import as_list
 from markergen.options.kinds import CameraLike, TargetLike
@@ -158,7 +158,7 @@ class Detector:
         named = [_marker(source, f"marker {k}" if len(sources) > 1 else "marker") for k, source in enumerate(sources)]
         self._markers = tuple(marker for marker, _ in named)
         self._names = tuple(name for _, name in named)
-        doubts = [f"{name}: {doubt}" for marker, name in named if (doubt := misfit_words(marker))]
+        doubts = [f"{name}: {doubt}" for marker, name in named if (doubt := poor_fit_sentence(marker))]
         self._note = "\n".join(filter(None, [self._note, *doubts]))
         printed = planned_print(*self._markers) if print_sigma is None else parse_length(print_sigma, "print_sigma")
         errors = ErrorSources(printed, covariance, scale_sigma=scale_sigma)

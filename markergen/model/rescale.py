@@ -24,9 +24,9 @@ LONGEST = 3.0
 WIDEST = 0.5
 """Range of scales that marker.json supports: from this to its inverse."""
 
-MISFIT = 2.0
-"""chi2 per degree of freedom above which a print's photographs fit worse than their noise: at 1.5 a good calibration
-by few photographs would be doubted."""
+POOR_FIT = 2.0
+"""chi2 per degree of freedom above which photographs of a print fit worse than their noise: those of which camera and
+print are right have 0.9 to 1.4, those with a lens model that lacks a coefficient 7 and more."""
 
 RULERS_MM = (200, 150, 100, 50, 20)
 """Lengths of the rulers on a sheet, in mm: the longest that has room.
@@ -308,13 +308,13 @@ def photographed(
     return _recorded(replace(marker, control_points=points, joint_covariance=joint), "photographs", record)
 
 
-def misfit_words(body: Body) -> str:
+def poor_fit_sentence(body: Body) -> str:
     """Return a sentence on photographs of a print that fit worse than their noise; empty if they fit, or for others."""
     of_plates = [plate.marker.provenance.get("print") for plate in body.plates]
     taken = [stored.get("photographs") for stored in of_plates if isinstance(stored, Mapping)]
     factors = [record.get("variance_factor") for record in taken if isinstance(record, Mapping)]
     worst = max((factor for factor in factors if isinstance(factor, int | float)), default=0.0)
-    if worst <= MISFIT:
+    if worst <= POOR_FIT:
         return ""
     return (
         f"the photographs that measured the print fit worse than their noise, chi2 {worst:.2g} per degree of freedom: "

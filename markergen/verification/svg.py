@@ -22,7 +22,7 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief, reason_of
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
-from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
+from markergen.read.outlines.formats import OUTLINE_FORMATS, PIXELS_PER_INCH, OutlineFile
 from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import (
@@ -60,7 +60,7 @@ FINE, FINEST = 200, 100_000
 CHORDS = 2e-3
 """This distance in mm between these ratios: less than what is tolerated of a circle."""
 
-CSS_PIXEL = 25.4 / 96
+CSS_PIXEL = 25.4 / PIXELS_PER_INCH
 """Size in mm of a pixel of CSS."""
 
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b")
@@ -159,7 +159,7 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     from svgelements import Length
 
     try:
-        sides = tuple(float(Length(text or "").value(ppi=96)) * CSS_PIXEL for text in (width, height))
+        sides = tuple(float(Length(text or "").value(ppi=PIXELS_PER_INCH)) * CSS_PIXEL for text in (width, height))
     except (ValueError, TypeError, AttributeError):
         return None
     return (sides[0], sides[1]) if np.isfinite(sides).all() else None

@@ -41,7 +41,7 @@ def test_it_is_what_the_command_designs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for folder in ("lib", "cli"):
         Path(folder).mkdir()
-    found = design(**QUICK, output="lib/marker.pdf", paper="A3", seed=1)
+    made = design(**QUICK, output="lib/marker.pdf", paper="A3", seed=1)
     words = [f"--{name}={value}" for name, value in QUICK.items()]
     assert main(["design", *words, "--seed", "1", "--paper", "A3", "-o", "cli/marker.pdf", "--details"]) == 0
     assert Path("lib/marker.json").read_bytes() == Path("cli/marker.json").read_bytes()
@@ -51,9 +51,9 @@ def test_it_is_what_the_command_designs(tmp_path, monkeypatch, capsys):
     def told(text):
         return [line for line in text.splitlines() if not line.startswith(("found in", "wrote"))]
 
-    assert told(printed)[: len(told(str(found)))] == told(str(found))
-    assert [file.path.name for file in found.written] == ["marker.pdf", "marker.json"]
-    assert str(found.written[0]) in printed.replace("cli/", "lib/")
+    assert told(printed)[: len(told(str(made)))] == told(str(made))
+    assert [file.path.name for file in made.written] == ["marker.pdf", "marker.json"]
+    assert str(made.written[0]) in printed.replace("cli/", "lib/")
 
 
 def test_objects_paths_and_texts_are_the_same(tmp_path, quick):

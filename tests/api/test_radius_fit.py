@@ -33,9 +33,9 @@ def test_it_is_the_design_of_that_radius(tmp_path, monkeypatch):
     for folder in ("fit", "explicit"):
         (tmp_path / folder).mkdir()
     camera = io.StringIO(json.dumps(PAPER_CAMERA.as_dict()))
-    found = design(template="spec.toml", camera=camera, output="fit/marker.pdf")
-    assert sentence("stands on", "A5 (148 x 210 mm)", "120 mm") in found.written[0].notes[0]
-    assert found.marker.provenance["spec"]["boundary"] == Circle(0.06).as_dict()
+    made = design(template="spec.toml", camera=camera, output="fit/marker.pdf")
+    assert sentence("stands on", "A5 (148 x 210 mm)", "120 mm") in made.written[0].notes[0]
+    assert made.marker.provenance["spec"]["boundary"] == Circle(0.06).as_dict()
     arguments = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=8", "--paper=A5"]
     assert main(["design", *arguments, "--radius=60mm", "-o", "explicit/marker.pdf"]) == 0
     for suffix in (".pdf", ".json"):

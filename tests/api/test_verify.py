@@ -104,9 +104,9 @@ def test_saving_nothing_is_refused_and_none_asks_for_nothing(here):
 
 def test_files(here, marker):
     verification = verify(marker, "marker.csv", "other.csv", save="found.json", json="plain")
-    assert [str(each) for each in verification.written] == ["wrote found.json", "wrote plain"]
+    assert [str(file) for file in verification.written] == ["wrote found.json", "wrote plain"]
     assert Path("found.json").read_bytes() == Path("plain").read_bytes() == verification.to_json()
-    assert [each["passed"] for each in json.loads(verification.to_json())] == [True, False]
+    assert [check["passed"] for check in json.loads(verification.to_json())] == [True, False]
     verification.save(here / "again.json")
     assert Path("again.json").read_bytes() == verification.to_json()
 

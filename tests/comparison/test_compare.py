@@ -136,9 +136,9 @@ def test_what_is_not_installed_keeps_its_row(timed, path):
     assert comparison["views"]["common"] == 2
     assert list(cpu_s) == [path, "square"]
     json_bytes(comparison)
-    said = str(Comparison(comparison, cpu_s=cpu_s))
-    assert "absent" in said
-    assert "stag:HD21: not compared; " + sentence("needs peer") in said
+    printed = str(Comparison(comparison, cpu_s=cpu_s))
+    assert "absent" in printed
+    assert "stag:HD21: not compared; " + sentence("needs peer") in printed
     assert comparison_figure(comparison).get_axes()
 
 
@@ -292,14 +292,14 @@ def test_tables_name_everyone_and_everything(results):
 
 def test_the_table_names_rooms_where_they_differ(results):
     disk, small = "disk of radius 150 mm", "disk of radius 100 mm"
-    found = results.found
-    assert {entry["room"] for entry in found["contestants"]} == {disk}
-    first, *others = found["contestants"]
-    mixed = found | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
-    same, differ = (comparison_tables(entries)[0] for entries in (found, mixed))
+    comparison = results.found
+    assert {entry["room"] for entry in comparison["contestants"]} == {disk}
+    first, *others = comparison["contestants"]
+    mixed = comparison | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
+    same, differ = (comparison_tables(entries)[0] for entries in (comparison, mixed))
     assert [row[1] for row in differ.rows] == [disk, *[small] * len(others)]
     assert [[row[0], *row[2:]] for row in differ.rows] == same.rows
-    assert disk in heading(found)
+    assert disk in heading(comparison)
     assert disk not in heading(mixed)
 
 

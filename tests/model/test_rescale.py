@@ -13,8 +13,8 @@ from markergen.model.rescale import (
     MeasuredDot,
     Rulers,
     exchanged,
-    misfit_words,
     photographed,
+    poor_fit_sentence,
     remeasure,
     rescale_body,
 )
@@ -222,8 +222,8 @@ def test_mirrored_measurements_are_told(make_marker):
 @pytest.mark.parametrize(("factor", "is_doubted"), [(1.4, False), (7.35, True)])
 def test_photographs_that_fit_worse_than_their_noise_are_named(make_ngon, factor, is_doubted):
     marker = make_ngon(4, 0.05, 0.012)
-    assert misfit_words(marker) == ""
+    assert poor_fit_sentence(marker) == ""
     ids = [point.id for point in marker.control_points]
     measured = photographed(marker, ids, marker.xyz, np.eye(12) * 1e-12, {"variance_factor": factor})
-    assert bool(misfit_words(measured)) == is_doubted
+    assert bool(poor_fit_sentence(measured)) == is_doubted
     assert Detector(measured).note.endswith("than claimed") == is_doubted
