@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from docs.numbers import ROOT
+from docs.numbers import ENVIRONMENT, ROOT
 
 GENERATED = {"cli.md", "api.md", "changelog.md"}
 COMMANDS = {"markergen", "python", "pip", "echo", "make", "colcon", "ros2"}
@@ -134,8 +134,6 @@ def run(page: Path, folder: Path) -> None:
     os.chdir(folder)
     sys.argv = [page.name]
     names = {"__name__": "__main__"}
-    search = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    variables = {**os.environ, "PATH": search, "ROOT": str(ROOT), "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     for block in blocks(page.read_text(encoding="utf-8")):
         text, start = block.runnable(), time.monotonic()
         if not text.strip() or block.kind == "text":
@@ -149,7 +147,7 @@ def run(page: Path, folder: Path) -> None:
             exec(compile("\n" * block.line + text, page.name, "exec"), names)
         else:
             bash = ["bash", "-euo", "pipefail", "-c", text]
-            done = subprocess.run(bash, env=variables, stdin=subprocess.DEVNULL, timeout=60 * MINUTES)
+            done = subprocess.run(bash, env=ENVIRONMENT, stdin=subprocess.DEVNULL, timeout=60 * MINUTES)
             if done.returncode != int(block.marks.get("exits", ("", "0"))[1]):
                 raise subprocess.CalledProcessError(done.returncode, text)
         print(f"{page.name}:{block.line}: {time.monotonic() - start:.1f} s", flush=True)

@@ -35,21 +35,6 @@ are made by `python -m docs.pictures_of_templates docs/images/templates`.
 """
 
 
-def schema(version: int) -> str:
-    """Return the published JSON Schema of one version of marker.json."""
-    return json.dumps(json_schema(version), indent=2) + "\n"
-
-
-def rig_file_schema() -> str:
-    """Return the published JSON Schema of rig.json."""
-    return json.dumps(rig_schema(), indent=2) + "\n"
-
-
-def spec_file_schema() -> str:
-    """Return the published JSON Schema of a spec file."""
-    return json.dumps(spec_schema(), indent=2) + "\n"
-
-
 def spec_schema() -> dict[str, Any]:
     """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
     options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_SPEC}
@@ -135,16 +120,14 @@ def page_of_templates() -> str:
     return "\n".join(parts)
 
 
-def main() -> None:
-    """Write the files beside this one."""
-    for version in VERSIONS:
-        (HERE / f"marker-v{version}.schema.json").write_text(schema(version))
-    (HERE / "rig-v1.schema.json").write_text(rig_file_schema())
-    (HERE / "spec.schema.json").write_text(spec_file_schema())
-    (HERE / "cli.md").write_text(reference())
-    (HERE / "templates.md").write_text(page_of_templates())
-    (HERE / "damage.md").write_text(page_of_damage())
+def files() -> dict[str, str]:
+    """Return the text of every file that is written, by its name."""
+    schemas = {f"marker-v{version}": json_schema(version) for version in VERSIONS}
+    schemas |= {"rig-v1": rig_schema(), "spec": spec_schema()}
+    pages = {"cli.md": reference(), "templates.md": page_of_templates(), "damage.md": page_of_damage()}
+    return {f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in schemas.items()} | pages
 
 
 if __name__ == "__main__":
-    main()
+    for file, text in files().items():
+        (HERE / file).write_text(text)

@@ -26,6 +26,14 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *(f"docs/{path.name}" for path in sorted(Path(__file__).parent.glob("*.md"))))
 """Files that are searched for numbers."""
 
+ENVIRONMENT = {
+    **os.environ,
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+    "ROOT": str(ROOT),
+    "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+}
+"""Variables with which commands of pages find the program and the checkout."""
+
 GENERATED = ("docs/cli.md", "docs/damage.md", "docs/templates.md")
 """Files that `make docs` writes."""
 
@@ -136,10 +144,6 @@ def commands_of(entry: Entry) -> list[Command]:
 
 def output_of(command: Command) -> str:
     """Both outputs of a command, in a new folder from which the examples can be reached."""
-    places = {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
-    }
     # Wide enough for every table.
     settings = {"OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
     with tempfile.TemporaryDirectory() as folder:
@@ -148,7 +152,7 @@ def output_of(command: Command) -> str:
             command.line,
             shell=True,
             cwd=folder,
-            env={**os.environ, **places, **settings},
+            env=ENVIRONMENT | settings,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -25,13 +25,6 @@ from markergen.validation.views import SyntheticViews
 
 _log = logging.getLogger(__name__)
 
-"""Default number of synthetic images."""
-
-NOT_FOR_RIGS = {
-    "trials_for_all": "there are no common layouts of its plates",
-}
-"""Options that a rig does not take, and why."""
-
 
 def validate(
     marker: TargetLike,
@@ -95,15 +88,13 @@ def validate(
     (True, 'estimators.lm.failure_rate = 0 <= 0')
     """
     check_progress(progress)
-    settled, usual = settle(options, ValidateKeywords), settle({}, ValidateKeywords)
+    settled = settle(options, ValidateKeywords)
     targets = Validation.targets(save, pictures, json=json, report=report)
     optics = optics_from_text(settled["optics"] or "")
     judged = load_marker_or_rig(marker)
-    if judged.frame == "rig":
-        for name, reason in NOT_FOR_RIGS.items():
-            if settled[name] != usual[name]:
-                option = f"--{name.replace('_', '-')}"
-                raise InputError(f"no {option} for a rig: {reason}", brief(settled[name]), "leave it out")
+    if judged.frame == "rig" and settled["trials_for_all"]:
+        expected = "no --trials-for-all for a rig: there are no common layouts of its plates"
+        raise InputError(expected, brief(settled["trials_for_all"]), "leave it out")
     views = (VIEWS if judged.radii.all() else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")

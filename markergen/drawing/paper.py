@@ -63,6 +63,9 @@ AMERICAN = (
 PAPERS = {paper.name.lower(): paper for upright in ISO + AMERICAN for paper in (upright, upright.landscape)}
 """All papers by lower-case name; ``-landscape`` after the name turns a sheet, upright is the default."""
 
+NAMES = tuple(paper.name for paper in PAPERS.values())
+"""Names of all papers as they are written."""
+
 SMALLEST, LARGEST = 100.0, 5000.0
 """Limits of the sides of custom paper, mm: no marker with its rulers fits on less; a PDF ends at 5080 mm."""
 
