@@ -146,7 +146,7 @@ def sources_of(spec: Spec) -> ErrorSources:
 
 
 def usual_sources(spec: Spec) -> ErrorSources:
-    """`sources_of` a spec, with the usual print in place of an exact one."""
+    """`sources_of` a spec, with the usual print where it has none."""
     sources = sources_of(spec)
     return sources if sources.print_sigma else replace(sources, print_sigma=PRINT_SIGMA)
 

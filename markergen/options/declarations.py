@@ -167,7 +167,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             VIEW,
             "Standard deviation of a printed dot's position along each axis.",
-            otherwise=f"0mm; {PRINT_SIGMA_TEXT} with --n auto and --target",
+            otherwise=f"{PRINT_SIGMA_TEXT} in the error to plan with, and in the search with --n auto and --target",
         ),
     ]
     scale_sigma: Annotated[

@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
@@ -307,6 +308,10 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         refusal = _option_refusal(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
         findings = InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places")
         raise refusal or findings from None
+    if not stored and table.print_sigma == 0:
+        # In a spec, 0 is what is searched for if nothing is given, and the usual print is then planned with.
+        remedy = f"leave it out for {PRINT_SIGMA_TEXT}, or write a length such as 0.005mm: nothing is printed exactly"
+        raise InputError("a print error above 0", f"--print-sigma {plain['print_sigma']}", remedy)
     # Tables are built below. A dump of their unions of shapes has warned in a calibration from a film.
     plain_values = table.model_dump(exclude_unset=True, exclude={"poses", *_BUILT})
     options = {key: value for key, value in plain_values.items() if key in _KEPT}

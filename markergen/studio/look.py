@@ -95,7 +95,7 @@ class Sketch:
 
     @property
     def sources(self) -> ErrorSources:
-        """Print and calibration of the spec; the usual print where it has an exact one."""
+        """Print and calibration of the spec; the usual print where it has none."""
         return usual_sources(self.spec)
 
     @property

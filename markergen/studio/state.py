@@ -16,7 +16,6 @@ import numpy as np
 from markergen import __version__
 from markergen.api.design import design, request_of
 from markergen.api.names import names_of, takes_names
-from markergen.defaults import PRINT_SIGMA_TEXT
 from markergen.drawing.paper import find_paper, paper_of_locale
 from markergen.errors import InputError, brief
 from markergen.exporters import catalog
@@ -171,9 +170,6 @@ def spec_of_options(options: Any) -> Spec:
     if sheet.paper is not None:
         find_paper(sheet.paper, sheet.orientation)
     pixels_per_meter(request.choices.dpi)
-    if plain.get("print_sigma") is not None and not request.spec.print_sigma:
-        remedy = f"leave it out for {PRINT_SIGMA_TEXT}, or write a length such as 0.05mm"
-        raise InputError("a print error above 0", f"--print-sigma {plain['print_sigma']}", remedy)
     return request.spec
 
 

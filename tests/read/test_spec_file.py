@@ -234,6 +234,9 @@ def test_a_print_error_is_a_length():
     assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
     with pytest.raises(InputError, match="print_sigma: write a number"):
         spec_from_mapping({"dot": "auto", "print_sigma": "little"})
+    for exact in (0, "0mm"):
+        with pytest.raises(InputError, match=r"a print error above 0.*leave it out for 0\.1mm"):
+            spec_from_mapping({"dot": "auto", "print_sigma": exact})
 
 
 def test_a_spec_that_is_too_large_is_refused_at_once(tmp_path):
