@@ -35,13 +35,17 @@ REMEDIES = {
         "make the marker on a better printer or machine, of a stiffer, flatter material, make it larger, or measure "
         "where the dots really are"
     ),
-    "measured": (
-        "measure it again, for rotations with more photographs from other directions, for distances with more lengths "
-        "(markergen calibrate --measured), or make the marker larger"
+    "camera": (
+        "calibrate with images that fill the corners, at the focus that you work with, as long as markergen calibrate "
+        "asks for more"
     ),
-    "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
 }
 """How to reduce the error of each source."""
+REMEDIES_OF_MEASURED = {
+    "rotation": "take photographs as long as markergen calibrate asks for more, then make the marker larger",
+    "translation": "measure lengths on it (markergen calibrate --measured), since photographs do not tell its scale",
+}
+"""How to reduce that of a print that was measured. Whether more photographs help, the calibration says."""
 DOMINANT = 0.9
 """Share of the variance above which improving any other source gains less than 5 % of the error."""
 ENOUGH = 20
@@ -243,7 +247,8 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
     sentences = []
     for name in dict.fromkeys(first.values()):
         limited = [what for what, largest in first.items() if largest == name]
-        remedy = REMEDIES["measured" if name == "print" and budget.get("print_measured") else name]
+        is_measured = name == "print" and budget.get("print_measured")
+        remedy = "; ".join(REMEDIES_OF_MEASURED[what] for what in limited) if is_measured else REMEDIES[name]
         line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
         if all(shares_of[what][name] > DOMINANT for what in limited):
             line += " Improving anything else of these would gain next to nothing."

@@ -30,6 +30,13 @@ def test_two_sources_are_told_apart_and_an_even_share_is_no_reason_to_stop():
     assert "--camera-covariance" in found[2]
 
 
+def test_of_a_measured_print_the_calibration_says_whether_photographs_help():
+    budget = {"rotation_deg": {"image": 0.1, "print": 1.0, "camera": 0.0}, "print_measured": True}
+    first, *_ = sentences.limit_sentences({"budget": budget | {"translation_pct": {"image": 1.0, "print": 0.1}}})
+    assert sentences.REMEDIES_OF_MEASURED["rotation"] in first
+    assert not any(remedy in first for remedy in (sentences.REMEDIES_OF_MEASURED["translation"], "again"))
+
+
 def test_a_calibration_that_was_not_counted_is_named_with_its_cost():
     """The print is the largest of two; what was taken as exact may be larger."""
     off = {"focal_px": 2.0, "center_px": 1.5, "rotation_deg": 0.457, "translation_pct": 0.31}
