@@ -4,13 +4,14 @@
     python -m benchmarks.shapes condition --shapes L star --n 12
     python -m benchmarks.shapes --aggregate max --n 7             dots as large as `design` takes them
     python -m benchmarks.shapes --beside rotation homography --shapes disk L --n 10 16 --starts 0
+    python -m benchmarks.shapes --random 50                       specs at random, beside ten times the starts
 
 Each row is as of `benchmarks.optima`. At least 9 of 10 seeds are to end within 0.5 % of the best of all, and no
 constraint is to be broken by more than 1e-9 m.
 
-With --beside, each row is one design beside the best of the regular layouts and of a search with another seed and
---starts starts, and beside the lower bound on all layouts; the last line counts the designs more than 0.1 % above the
-best of these.
+With --beside and --random, each row is one design beside the best of the regular layouts and of a search with another
+seed and --starts starts, and beside the lower bound on all layouts; the last line counts the designs more than 0.1 %
+above the best of these.
 """
 
 import os
@@ -18,15 +19,19 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from benchmarks.optima import BESIDE, HEADINGS, add_options, beside, row
 from markergen.arrays import Array
 from markergen.model.boundary import Boundary, Circle, polygon_from
+from markergen.model.camera import Camera
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.search import RANDOM, STARTS
 
 
 def main() -> None:
@@ -36,9 +41,10 @@ def main() -> None:
     parser.add_argument("--shapes", nargs="*", choices=list(shapes()), default=list(shapes()))
     parser.add_argument("--dot", type=float, help="diameter in m; default what design takes")
     parser.add_argument("--beside", nargs="+", choices=list(OBJECTIVES), help="objectives of designs to compare")
+    parser.add_argument("--random", type=int, default=0, metavar="K", help="compare designs for K random specs")
     options = parser.parse_args()
-    if options.beside:
-        compare(options)
+    if options.beside or options.random:
+        compare(random_specs(options.random) if options.random else chosen_specs(options))
         return
     print(f"{options.objective}, {options.seeds} seeds\n{HEADINGS}")
     for name in options.shapes:
@@ -51,19 +57,43 @@ def main() -> None:
             print(row(name, spec, options.seeds, options.starts), flush=True)
 
 
-def compare(options: argparse.Namespace) -> None:
-    """Print a design of each shape, n and objective beside other layouts."""
+def compare(specs: Iterator[tuple[str, Spec, int]]) -> None:
+    """Print designs of named specs beside other layouts, among them those of a search with so many starts."""
     print(BESIDE)
     ratios = []
-    for name in options.shapes:
-        boundary, keep_outs = shapes()[name]
-        for n in options.n:
-            for objective in options.beside:
-                spec = Spec(n=n, objective=objective, aggregate=options.aggregate, dot=options.dot)
-                line, ratio = beside(name, replace(spec, boundary=boundary, keep_outs=keep_outs), options.starts)
-                ratios.append(ratio)
-                print(line, flush=True)
+    for name, spec, starts in specs:
+        line, ratio = beside(name, spec, starts)
+        ratios.append(ratio)
+        print(line, flush=True)
     print(f"{sum(not ratio <= 1.001 for ratio in ratios)} of {len(ratios)} above 1.001, at most {max(ratios):.5f}")
+
+
+def chosen_specs(options: argparse.Namespace) -> Iterator[tuple[str, Spec, int]]:
+    """Every shape, n and objective asked for."""
+    for name, n, objective in product(options.shapes, options.n, options.beside):
+        boundary, keep_outs = shapes()[name]
+        spec = Spec(n=n, objective=objective, aggregate=options.aggregate, dot=options.dot, boundary=boundary)
+        yield name, replace(spec, keep_outs=keep_outs), options.starts
+
+
+def random_specs(count: int) -> Iterator[tuple[str, Spec, int]]:
+    """Shape, number and size of dots, objective, camera and poses at random, and ten times the starts of the search."""
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        name = str(rng.choice(list(shapes())))
+        boundary, keep_outs = shapes()[name]
+        n, objective = int(np.exp(rng.uniform(np.log(4), np.log(25)))), str(rng.choice(list(OBJECTIVES)))
+        width, focal = int(rng.choice([640, 1280, 1920])), rng.uniform(0.6, 2.0)
+        camera = Camera(width, width * 3 // 4, focal * width, focal * width, width / 2 - 0.5, width * 3 / 8 - 0.5)
+        near = boundary.radius * focal * rng.uniform(4, 8)
+        poses = (
+            f"cone:distance={near:.3f}..{near * rng.uniform(1.2, 3):.3f},tilt=0..{rng.uniform(20, 65):.0f},count=100"
+        )
+        dot = None if rng.random() < 0.5 else float(rng.uniform(0.02, 0.3) * boundary.radius / np.sqrt(n))
+        spec = Spec(n=n, objective=objective, dot=dot, boundary=boundary, camera=camera, poses=poses)
+        nonsmooth = objective == "condition"
+        starts = 10 * (OBJECTIVES[objective].default_restarts if nonsmooth else RANDOM if name == "disk" else STARTS)
+        yield name, replace(spec, keep_outs=keep_outs), starts
 
 
 def shapes() -> dict[str, tuple[Boundary, tuple[Boundary, ...]]]:

@@ -307,7 +307,7 @@ def nested(spec: Spec, poses: PoseDistribution, progress: Progress | None = None
     InputError
         If the objective is not the error of a pose, or no dots fit that all poses see.
     """
-    problem = _problem(spec, poses)
+    problem = pad_problem(spec, poses)
     candidates: list[tuple[tuple[Block, ...], Array, float]] = []
     reasons = []
     for count in range(1, MOST_SCALES + 1):
@@ -341,7 +341,7 @@ def nested(spec: Spec, poses: PoseDistribution, progress: Progress | None = None
     return problem.descend(begun, move, ROUNDS, "together", progress)
 
 
-def _problem(spec: Spec, poses: PoseDistribution) -> JointProblem:
+def pad_problem(spec: Spec, poses: PoseDistribution) -> JointProblem:
     """Problem of a pad, with the geometric mean over the poses unless the spec says otherwise: no distance dominates.
 
     While they are sought, rings and disks alike count from `RELIABLE_PIXELS` on.
@@ -462,7 +462,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     marker = Marker(tuple(control_points), spec.boundary, clearance, keep_outs=spec.keep_outs, substrate=spec.substrate)
     check(points, spec.boundary, spec.blocked, diameters, clearance)
     _check_figures(scales)
-    problem, covered = _problem(spec, poses), coverage(marker, spec.camera, poses)
+    problem, covered = pad_problem(spec, poses), coverage(marker, spec.camera, poses)
     information = dot_information(covered, spec.camera, spec.image_noise, spec.print_sigma).sum(axis=1)
     pose = np.full((len(poses), 6, 6), np.inf)
     pose[covered.served] = covariance(information[covered.served])
