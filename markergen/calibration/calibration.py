@@ -29,7 +29,7 @@ from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.photos import PhotographedDots, find_dots, joined
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
-from markergen.calibration.residuals import Cleaned, adjust_robustly, likely_cause, noise_of
+from markergen.calibration.residuals import MISFIT, Cleaned, adjust_robustly, likely_cause, noise_of
 from markergen.calibration.scale import ScaleErrors, doubt
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.calibration.working_error import ExpectedError, sensitivity
@@ -354,9 +354,6 @@ BASE = ("fx", "cx", "cy", "k1", "k2")
 
 LOOSE_PLANE, LOOSE_HEIGHT = 2.0, 10.0
 """Standard deviations of printed dots about the design in the plane and in height, in those of `Known.print_sigma`."""
-
-MISFIT = 1e-3
-"""Probability of residuals as large as they are by the image's noise alone, below which a model misses something."""
 
 
 @dataclass(frozen=True, eq=False)

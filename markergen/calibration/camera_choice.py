@@ -8,14 +8,11 @@ import numpy as np
 
 from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
-from markergen.calibration.judging import LeftOut, NotJudged, Paired, Photographs, parameters_of, squared_length
+from markergen.calibration.judging import CHANCE, LeftOut, NotJudged, Paired, Photographs, parameters_of, squared_length
 from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.calibration.projection_uncertainty import pixel_grid
 from markergen.model.camera import Camera, Distortion
 from markergen.model.rescale import POOR_FIT
-
-CHANCE = 0.01
-"""Probability by chance alone at which a camera parameter joins, or is held."""
 
 WEAKLY = 0.1
 """Standard deviation, within wide limits, of f as a share, of the principal point as a share of a third of the image's

@@ -19,7 +19,7 @@ FOLDS, ALONE = 5, 10
 """Number of parts that are left out in turn; maximum number of photographs of which each is left out alone."""
 
 CHANCE = 0.01
-"""Probability by chance alone at which two halves disagree."""
+"""Probability by chance alone below which two halves disagree, or a camera parameter joins or is held."""
 
 LEAST_JUDGED = 3
 """Minimum number of left-out photographs: fewer have no interval worth telling."""

@@ -31,12 +31,15 @@ from markergen.arrays import Array, Indices, Mask
 from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust, attempt
 from markergen.calibration.camera_choice import wider_lenses
 from markergen.calibration.flexing import Flex
-from markergen.calibration.judging import NotJudged
+from markergen.calibration.judging import CHANCE, NotJudged
 from markergen.calibration.network import LEAST_DOTS, Network, Views
 from markergen.model.rescale import POOR_FIT
 
 FALSE_ALARM = 1e-3
 """Probability that any measurement of a network without outliers is rejected."""
+
+MISFIT = 1e-3
+"""Probability of residuals as large as they are by the image's noise alone, below which a model misses something."""
 
 CAUCHY = 2.385
 """Scale of Cauchy's cost in sigma: 95 % efficiency for Gaussian errors."""
@@ -151,9 +154,6 @@ DEGREE, DOTS_A_TERM = 3, 2
 LEAST_EXPECTED = 8.0
 """Expected sum of squares, or degrees of freedom, below which a photograph does not show its noise."""
 
-BY_LUCK = 0.01
-"""Probability of a sum of squares of all photographs as large by their own noise alone, above which it is all."""
-
 
 def noise_of(adjusted: Adjustment, photo: Indices) -> Array:
     """Variances (v,) in px^2 of each axis of the dots of a view beyond their own; equal for views of one photograph.
@@ -167,7 +167,7 @@ def noise_of(adjusted: Adjustment, photo: Indices) -> Array:
     fields = [_field(adjusted, view) for view in range(len(photo))]
     variance = np.zeros(len(photo))
     total, expected = _squares([field for field in fields if field], 0.0)
-    if chdtrc(expected, total) > BY_LUCK:
+    if chdtrc(expected, total) > CHANCE:
         return variance
     for views in views_of.values():
         seen = [field for field in (fields[view] for view in views) if field]
@@ -210,9 +210,6 @@ def _squares(fields: Sequence[_Field], square: float) -> tuple[float, float]:
     return total, expected
 
 
-CHANCE = 1e-3
-"""Probability of a poor fit by the noise alone at which a model counts as wrong."""
-
 EXPLAINS = 0.5
 """Share of the excess of chi2 that a cause has to explain."""
 
@@ -224,7 +221,7 @@ def likely_cause(adjustment: Adjustment, flex: Flex | NotJudged) -> str:
     """
     factor, freedom = adjustment.variance_factor, adjustment.degrees_of_freedom
     network = adjustment.network
-    if not network.free or freedom <= 0 or factor < POOR_FIT or chdtrc(freedom, adjustment.chi2) > CHANCE:
+    if not network.free or freedom <= 0 or factor < POOR_FIT or chdtrc(freedom, adjustment.chi2) > MISFIT:
         return ""
     for name, larger in wider_lenses(replace(network, cameras=adjustment.cameras)):
         fitted = attempt(larger, adjustment.views, adjustment.weights, adjustment.places)
