@@ -123,7 +123,7 @@ def map_counted(
     return map_chunks(function, chunks, max(1, min(workers, len(chunks))), finished)
 
 
-class Forecast(Generic[C]):
+class TimeForecast(Generic[C]):
     """Time left, from what the finished tasks of each kind took against their costs.
 
     Parameters

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from shlex import join
 
-from markergen.cli.console import INTERRUPTED, UNUSABLE, Ended, Silence, complain, report
+from markergen.cli.console import INTERRUPTED, UNUSABLE, Silence, Terminated, complain, report
 
 
 class _Warnings(logging.Handler):
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # As with git: `markergen help design`.
         status = _run([*command[1:], "--help"] if command[:1] in ([], ["help"]) else command, whole)
         sys.stdout.flush()
-    except Ended:
+    except Terminated:
         return INTERRUPTED
     except (KeyboardInterrupt, EOFError):
         status = INTERRUPTED

@@ -16,7 +16,7 @@ from typer import CallbackParam
 from markergen.presentation.stages import STAGES
 
 if TYPE_CHECKING:
-    from markergen.optimize.ending import Limit
+    from markergen.optimize.ending import TimeLimit
     from markergen.options import Progress
     from markergen.presentation.results import Result
     from markergen.presentation.tables import Table
@@ -25,7 +25,7 @@ FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
 
 
-class Ended(Exception):
+class Terminated(Exception):
     """A search was asked to end, and what it had found by then is written."""
 
 
@@ -122,14 +122,14 @@ class _LogLines:
 
 
 @contextmanager
-def interruptible() -> Iterator["Limit"]:
+def interruptible() -> Iterator["TimeLimit"]:
     """End searches at the first Ctrl-C or SIGTERM, so that what they have found is written; the next ends the program.
 
     Yields the limit of the searches, which knows whether one was `asked` to end.
     """
-    from markergen.optimize.ending import Limit, limited
+    from markergen.optimize.ending import TimeLimit, limited
 
-    limit, signals = Limit(), (signal.SIGINT, signal.SIGTERM)
+    limit, signals = TimeLimit(), (signal.SIGINT, signal.SIGTERM)
 
     def ask(*_: object) -> None:
         limit.asked = True

@@ -21,7 +21,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress
-from markergen.pool import Forecast, chunks_of, workers_for
+from markergen.pool import TimeForecast, chunks_of, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import (
@@ -164,7 +164,7 @@ def forecast(
             trials[stage, who, "first"] = partial(work, counting, (who, images[-1], range(1)))
     for trial in trials.values():
         trial()  # Loads libraries, and what contestants keep.
-    expected = Forecast(costs, lambda task: task[:2], prior=0)
+    expected = TimeForecast(costs, lambda task: task[:2], prior=0)
     for task, trial in trials.items():
         began = perf_counter()
         trial()

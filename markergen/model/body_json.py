@@ -165,18 +165,18 @@ RIG_FORMAT, RIG_VERSION = "markergen-rig", 1
 _RIG_FRAME = "that of the poses T_rig_marker: X_rig = R X_marker + t"
 
 
-class _Part(BaseModel):
+class _RigPart(BaseModel):
     model_config = STRICT
 
 
-class _Frame(_Part):
+class _RigFrame(_RigPart):
     """Rig frame, spelled out for readers of the file without this program."""
 
     unit: Literal["m"] = "m"
     axes: Literal["that of the poses T_rig_marker: X_rig = R X_marker + t"] = _RIG_FRAME  # type: ignore[assignment]
 
 
-class _RigMarker(_Part):
+class _RigMarker(_RigPart):
     """One marker: its marker.json inline, or its file, relative to the folder of the rig.json."""
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
@@ -185,12 +185,12 @@ class _RigMarker(_Part):
     file: Annotated[str | None, Field(min_length=1, max_length=1000, description="Path of a marker.json.")] = None
 
 
-class RigFile(_Part):
+class RigFile(_RigPart):
     """Markers with a known rigid relation; lengths in m."""
 
     format: Literal["markergen-rig"]
     version: Literal[1]
-    frame: _Frame = _Frame()
+    frame: _RigFrame = _RigFrame()
     markers: Annotated[list[_RigMarker], Field(min_length=1, max_length=MOST_MARKERS)]
     relation_covariance: Annotated[
         list[list[Finite]] | None,

@@ -395,7 +395,7 @@ class _Worth:
         return mass / count
 
 
-class _Part:
+class _RoomBound:
     """A room's candidate places, caps and branch and bound; values are in units of A^-2 of the layout."""
 
     def __init__(self, fields: _Fields, cut: Array, thinning: int) -> None:
@@ -532,7 +532,7 @@ class _Program:
         fields = [_Fields(room, degree) for room in rooms]
         self.start = sum((part.layout_information() for part in fields), np.zeros(()))
         self.first = self.worth.sensitivity(self.start, 0.1) * self.square
-        self.parts = [_Part(part, self.first, len(rooms)) for part in fields]
+        self.parts = [_RoomBound(part, self.first, len(rooms)) for part in fields]
         self.n = sum(part.n for part in self.parts)
 
     @property

@@ -1,6 +1,6 @@
 """Ends searches early: after a time, or when asked to, such as by Ctrl-C.
 
-A search looks up, a few times a second, whether the `Limit` of its context is reached. Whoever has a layout by then
+A search looks up, a few times a second, whether the `TimeLimit` of its context is reached. Whoever has a layout by then
 catches `Ended`, and returns the best.
 """
 
@@ -17,7 +17,7 @@ class Ended(BaseException):
 
 
 @dataclass(eq=False)
-class Limit:
+class TimeLimit:
     """When searches end: at a time of `time.monotonic`, or when `asked`; `ended` once one has."""
 
     at: float = inf
@@ -25,11 +25,11 @@ class Limit:
     ended: bool = False
 
 
-_LIMIT: ContextVar[Limit | None] = ContextVar("limit", default=None)
+_LIMIT: ContextVar[TimeLimit | None] = ContextVar("limit", default=None)
 
 
 @contextmanager
-def limited(limit: Limit | None) -> Iterator[None]:
+def limited(limit: TimeLimit | None) -> Iterator[None]:
     """Have searches end at a limit; None lets what has to be done take its time."""
     token = _LIMIT.set(limit)
     try:
@@ -38,9 +38,9 @@ def limited(limit: Limit | None) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
-def current_limit() -> Limit:
+def current_limit() -> TimeLimit:
     """Return the limit of this context, or one that is never reached."""
-    return _LIMIT.get() or Limit()
+    return _LIMIT.get() or TimeLimit()
 
 
 def is_due() -> bool:

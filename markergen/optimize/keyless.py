@@ -199,7 +199,7 @@ def asymmetric_search(
     if candidates[0].safety.least < px:
         looked = representative(objective.setting.poses, LOOKED)
         followed = representative(objective.setting.poses, FOLLOWED)
-        layouts, ends = list[_Layout](), list[tuple[Array, float]]()
+        layouts, ends = list[_CutLayout](), list[tuple[Array, float]]()
         for done, start in enumerate(starts):
             if progress:
                 progress("asymmetric", done, len(starts) + FINALISTS)
@@ -240,7 +240,7 @@ class _Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
+class _CutLayout:
     """A layout that was cut, with its safety according to the cuts."""
 
     points: Array
@@ -339,18 +339,18 @@ def _image_rows(points: Array, camera: Camera, rotation: Array, translation: Arr
     return camera.pixel_jacobian(normalized) @ rows
 
 
-def _cut(start: Array, px: float, cuts: _Cuts, bar: float) -> _Layout:
+def _cut(start: Array, px: float, cuts: _Cuts, bar: float) -> _CutLayout:
     """Alternately polish and cut a layout until it converges, or is worse than `bar`, which cuts never improve."""
     objective, region = cuts.objective, cuts.region
     points, px_now = start, cuts.add(start, px)
-    best = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
+    best = _CutLayout(points, float(objective(points[None])[0]), px_now, cuts)
     stale = 0
     for _ in range(ROUNDS):
         after = _polish(points, px * (1 + SLACK), cuts)
         moved = float(np.abs(after - points).max())
         points = after
         px_now = cuts.add(points, px)
-        layout = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
+        layout = _CutLayout(points, float(objective(points[None])[0]), px_now, cuts)
         feasible = region.holds(points[None])[0]
         # Only a noticeable relative gain in safety counts as progress.
         stale = 0 if layout.px > best.px * (1 + RESTED) else stale + 1
@@ -362,7 +362,7 @@ def _cut(start: Array, px: float, cuts: _Cuts, bar: float) -> _Layout:
     return best
 
 
-def _finished(layout: _Layout, px: float) -> list["_Candidate"]:
+def _finished(layout: _CutLayout, px: float) -> list["_Candidate"]:
     """Examine a layout from all poses, and cut it by the rivals found there."""
     points, cuts, candidates = layout.points, layout.cuts, list[_Candidate]()
     objective, region = cuts.objective, cuts.region

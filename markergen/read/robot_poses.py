@@ -164,7 +164,7 @@ def _beside(source: str | Path, photos: Sequence[Path], convention: RobotConvent
                 f"one pose file for {photo.name}", listed, f"give --robot as a pattern, such as '{path.name}/*{ending}'"
             )
         for file in mine:
-            poses[index] = _poses_of(_Table(*_single(file)), convention)[0]
+            poses[index] = _poses_of(_PoseTable(*_single(file)), convention)[0]
     return poses
 
 
@@ -208,7 +208,7 @@ def _key(cell: str) -> str:
 # --- Tables -----------------------------------------------------------------------------------------------------------
 
 
-class _Table(NamedTuple):
+class _PoseTable(NamedTuple):
     """Rows of cells with the names of their columns, and texts that may state what they mean."""
 
     name: str
@@ -218,7 +218,7 @@ class _Table(NamedTuple):
     comments: list[str]
 
 
-def _table(path: Path) -> _Table:
+def _table(path: Path) -> _PoseTable:
     name, data = read(path, "poses")
     file = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
     if file.first[:1] in (b"[", b"{"):
@@ -229,7 +229,7 @@ def _table(path: Path) -> _Table:
         if odd is not None:
             raise InputError(f"the keys of pose 0 at pose {odd} of {name}", "others", "correct the file")
         places = [f"pose {k} of {name}" for k in range(len(flat))]
-        return _Table(
+        return _PoseTable(
             name, names, [list(pose.values()) for pose in flat], places, [f"{k}: {v}" for k, v in around.items()]
         )
     rows = list(file.table())
@@ -242,7 +242,7 @@ def _table(path: Path) -> _Table:
         raise InputError(f"at least one pose in {name}", "none", "check the file")
     for line, cells in body:
         check_count(names, cells, file.place(line))
-    return _Table(name, names, [cells for _, cells in body], [file.place(line) for line, _ in body], file.comments)
+    return _PoseTable(name, names, [cells for _, cells in body], [file.place(line) for line, _ in body], file.comments)
 
 
 def _single(path: Path) -> tuple[str, list[str], list[list[str]], list[str], list[str]]:
@@ -312,7 +312,7 @@ class _Columns(NamedTuple):
     angle: str
 
 
-def _columns_of(table: _Table) -> _Columns:
+def _columns_of(table: _PoseTable) -> _Columns:
     names = table.names
     last = [re.split(r"[./ ](?=[^\d\]\)])", plain_name(name)[0])[-1] for name in names]
     columns = [column_of(name) for name in names]
@@ -355,7 +355,7 @@ def _columns_of(table: _Table) -> _Columns:
     )
 
 
-def _poses_of(table: _Table, convention: RobotConvention) -> list[tuple[Array, Array]]:
+def _poses_of(table: _PoseTable, convention: RobotConvention) -> list[tuple[Array, Array]]:
     """T_base_flange of the rows of a table."""
     columns = _columns_of(table)
     texts = [*table.comments, *table.names]
@@ -404,7 +404,7 @@ def _poses_of(table: _Table, convention: RobotConvention) -> list[tuple[Array, A
     return _as_flange_in_base(numbers, frame)
 
 
-def _vectors(angles: Array, notation: str, angle: str, axes: str, table: _Table) -> Array:
+def _vectors(angles: Array, notation: str, angle: str, axes: str, table: _PoseTable) -> Array:
     """Rotation vectors in rad, or quaternions of Euler angles."""
     from scipy.spatial.transform import Rotation
 

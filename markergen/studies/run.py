@@ -18,7 +18,7 @@ import numpy as np
 
 from markergen.errors import InputError, MarkergenError, OutputError
 from markergen.files import make_folder, write_atomic
-from markergen.pool import Forecast
+from markergen.pool import TimeForecast
 from markergen.studies.cells import Cell, Result, Work, canonical_text, versions
 from markergen.studies.engines import Engine
 
@@ -211,7 +211,7 @@ def compute(
     """
     every = list(dict.fromkeys(cells))
     missing = [cell for cell in every if not store.holds(cell)]
-    forecast = Forecast({cell: cost(cell) if cost else 1.0 for cell in missing}, _kind, later[1])
+    forecast = TimeForecast({cell: cost(cell) if cost else 1.0 for cell in missing}, _kind, later[1])
 
     def tell() -> None:
         if progress:

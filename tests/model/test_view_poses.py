@@ -11,7 +11,7 @@ import markergen as mg
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.pose_sources.view import View
+from markergen.model.pose_sources.view import ViewCone
 from markergen.model.poses import named_poses
 from markergen.optimize.target import at_distance
 
@@ -34,7 +34,7 @@ def pixels_of(poses, points):
 def test_the_marker_is_whole_in_the_view_and_anywhere_in_it():
     poses = named_poses(TEXT).seen_whole(DISK, CAMERA)
     assert len(poses) == 600
-    assert poses.name == str(View.parse(TEXT))
+    assert poses.name == str(ViewCone.parse(TEXT))
     rim = pixels_of(poses, DISK.rim(64))
     free = 0.05 * 720
     assert rim.min() >= free - 0.5 - 1e-6
@@ -100,7 +100,7 @@ def test_texts_that_are_no_views(text, words):
 def test_design_and_validate_take_them(tmp_path, undrawn):
     text = "view:distance=0.4..0.8m,tilt=0..50,count=12"
     design = mg.design(n=5, radius="60mm", dot="20mm", restarts=1, poses=text)
-    assert design.marker.provenance["spec"]["poses"] == str(View.parse(text))
+    assert design.marker.provenance["spec"]["poses"] == str(ViewCone.parse(text))
     design.marker.save(tmp_path / "m.json")
     validation = mg.validate(tmp_path / "m.json", runs=2, views=0, report=tmp_path / "report.html", workers=1)
     assert "12 poses" in repr(validation)

@@ -11,7 +11,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.poses import named_poses
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.ending import Ended, Limit, current_limit, end_if_due, is_due, limited
+from markergen.optimize.ending import Ended, TimeLimit, current_limit, end_if_due, is_due, limited
 from markergen.optimize.layouts import regular_layouts
 from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import search
@@ -20,9 +20,9 @@ from markergen.units import parse_duration
 
 def test_a_limit_holds_inside_its_context_alone():
     end_if_due()
-    with limited(Limit(at=monotonic())) as _, pytest.raises(Ended):
+    with limited(TimeLimit(at=monotonic())) as _, pytest.raises(Ended):
         end_if_due()
-    limit = Limit(asked=True)
+    limit = TimeLimit(asked=True)
     with limited(limit):
         assert is_due()
         with limited(None):
@@ -42,7 +42,7 @@ ROOMS = {
 def test_an_interrupted_search_returns_a_feasible_layout(room, seconds, setting):
     region = FeasibleRegion(room, 0.02, 0.002)
     objective = OBJECTIVES["pose"](Setting(room, setting.camera, named_poses("cone:count=48")))
-    limit = Limit(at=monotonic() + seconds)
+    limit = TimeLimit(at=monotonic() + seconds)
     with limited(limit):
         optimum = search(objective, region, 14, np.random.default_rng(0))
     assert limit.ended or monotonic() < limit.at
@@ -53,7 +53,7 @@ def test_an_interrupted_search_returns_a_feasible_layout(room, seconds, setting)
 def test_many_dots_are_at_once_as_good_as_the_best_regular_layout(setting):
     region = FeasibleRegion(Circle(0.15), 0.012, 0.0012)
     objective = OBJECTIVES["pose"](Setting(region.boundary, setting.camera, named_poses("cone:count=48")))
-    with limited(Limit(asked=True)):
+    with limited(TimeLimit(asked=True)):
         optimum = search(objective, region, 60, np.random.default_rng(0))
     layouts, _ = regular_layouts(region, 60)
     assert optimum.value == pytest.approx(objective(layouts).min())

@@ -13,7 +13,7 @@ import pytest
 from study_work import cells, noise, refusing, slow_noise
 
 from markergen.errors import InputError, OutputError
-from markergen.pool import Forecast
+from markergen.pool import TimeForecast
 from markergen.studies.cells import Cell
 from markergen.studies.engines import ENGINES, EngineOptions, engine_for
 from markergen.studies.run import _kind, _of_all_kinds, run_cells
@@ -179,7 +179,7 @@ def test_a_kind_whose_cost_is_underestimated_is_measured_first_and_by_itself():
     order = _of_all_kinds([*fast, *slow])
     assert order[:2] == [fast[0], slow[0]]
     assert order[2:] == [*fast[1:], *slow[1:]]
-    forecast = Forecast(dict.fromkeys(order, 1.0), _kind)
+    forecast = TimeForecast(dict.fromkeys(order, 1.0), _kind)
     # All are thought to take a second; those of one kind take ten.
     for cell in order[:20]:
         forecast.finished(cell, 10.0 if cell.kind == "slow" else 1.0)

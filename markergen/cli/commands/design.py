@@ -32,4 +32,4 @@ def design(json: Json = None, details: Details = False, **options: Any) -> None:
         result = find(progress=progress, json=console.file_of(json), **options)
     console.print_result(result, json, details=details)
     if limit.asked:
-        raise console.Ended
+        raise console.Terminated

@@ -45,4 +45,4 @@ def rig(
         result = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
     console.print_result(result, json)
     if limit.asked:
-        raise console.Ended
+        raise console.Terminated

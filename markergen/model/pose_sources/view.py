@@ -21,7 +21,7 @@ distances does not serve, and fewer poses are made."""
 
 
 @dataclass(frozen=True)
-class View:
+class ViewCone:
     """Poses with the marker anywhere in the camera's view.
 
     Distance, tilt, azimuth and roll are those of a `Cone` about the line of sight to the marker's origin, whose pixel
@@ -37,7 +37,7 @@ class View:
 
     Examples
     --------
-    >>> str(View.parse("view:distance=0.5..1.5m,tilt=0..60,margin=5%"))
+    >>> str(ViewCone.parse("view:distance=0.5..1.5m,tilt=0..60,margin=5%"))
     'view:distance=0.5..1.5,tilt=0..60,azimuth=0..360,roll=0..360,margin=5%,count=400,seed=0'
     """
 
@@ -45,7 +45,7 @@ class View:
     margin: float = 0.05
 
     @staticmethod
-    def parse(text: str) -> "View":
+    def parse(text: str) -> "ViewCone":
         """View of a text in the form above; raises InputError as `Cone` does, or for a margin beyond its range."""
         arguments = pose_arguments(text, KEYS, FORM)
         written = arguments.pop("margin", "5%")
@@ -55,7 +55,7 @@ class View:
             margin = np.nan
         if not 0 <= margin < 0.5:
             raise InputError("a margin from 0% to below 50%", f"margin={brief(written)}", "write such as margin=5%")
-        return View(Cone.parse(f"cone:{','.join(f'{key}={value}' for key, value in arguments.items())}"), margin)
+        return ViewCone(Cone.parse(f"cone:{','.join(f'{key}={value}' for key, value in arguments.items())}"), margin)
 
     def __str__(self) -> str:
         """Text that `parse` reads back, the same for equal views."""
@@ -110,8 +110,8 @@ def _turn_to(ray: Array) -> Array:
     return exponential(per_length[:, None] * axis)
 
 
-def _poses_of(view: View) -> PoseDistribution:
+def _poses_of(view: ViewCone) -> PoseDistribution:
     return PoseDistribution(str(view), *view.cone.sample(), placing=view)
 
 
-POSES.register("view")(PoseSource(lambda text: _poses_of(View.parse(text)), FORM))
+POSES.register("view")(PoseSource(lambda text: _poses_of(ViewCone.parse(text)), FORM))
