@@ -1,7 +1,8 @@
 """Compare two solids along rays: where these enter and leave each of their bodies, on a grid in three directions.
 
 Meshes are compared as they are, however their surfaces are divided into triangles and these into bodies: inner walls,
-voids and what is there twice are crossings as any others.
+voids and what is there twice are crossings as any others. Triangles that no ray claims, since they are small, thin or
+far away, are looked for one by one on the surface of the other solid.
 """
 
 # tests: tests/verification/test_rays.py
@@ -34,7 +35,7 @@ LEAST_SLOPE = 0.3
 """Cosine between a ray and the normal of a surface below which it shows no color."""
 
 MOST_ROWS = 2_000_000
-"""Number of rows of rays that are looked at together."""
+"""Number of rows of rays, or of pairs of a point and a triangle, that are looked at together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Difference:
     missing_owner : array (l,) of int
         Parts to which the missing ones belong.
     seen : array (parts,) of int
-        Number of crossings of each part of the second.
+        Number of points of each part of the second.
     repainted : array (k, 3)
         Points of the surface of both that are dark in one and light in the other.
     was_dark : array (k,) of bool
@@ -107,10 +108,9 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
     names = ("extra", "missing", "owner", "twice", "repainted", "was")
     collected: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
     seen, votes = np.zeros(parts[0], int), np.zeros(parts, int)
-    reach = np.concatenate([box, solid.corners.reshape(-1, 3)])
-    low, high = np.minimum(low, reach.min(axis=0)), reach.max(axis=0)
+    claimed = [np.zeros(len(shell.corners), bool) for shell in (solid, wanted)]
     for axis in range(3):
-        mine, theirs, bad, pale = _along(solid, wanted, axis, low, high, pitch, tolerance)
+        mine, theirs, bad, pale = _along(solid, wanted, axis, low, low + size, pitch, tolerance)
         seen += np.bincount(wanted.owner[theirs.triangle], minlength=parts[0])
         partner, is_met = _partners(theirs, mine, tolerance)
         pairs = wanted.owner[theirs.triangle[is_met]], solid.owner[mine.triangle[partner[is_met]]]
@@ -118,13 +118,25 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
         other = pale[theirs.key // 2] & _repainted(solid, wanted, mine, theirs, tolerance)
         collected["repainted"].append(theirs.points[other])
         collected["was"].append(wanted.dark[theirs.triangle[other]] if wanted.dark is not None else other[other])
-        extra = ~_partners(mine, theirs, tolerance)[1] & bad[mine.key // 2]
+        is_claimed = _partners(mine, theirs, tolerance)[1]
+        claimed[0][mine.triangle[is_claimed]] = claimed[1][theirs.triangle[is_met]] = True
+        extra = ~is_claimed & bad[mine.key // 2]
         missing = ~is_met & bad[theirs.key // 2]
         collected["extra"].append(mine.points[extra])
         collected["missing"].append(theirs.points[missing])
         collected["owner"].append(wanted.owner[theirs.triangle[missing]])
         rest = bad[mine.key // 2] & ~np.isin(mine.key, np.concatenate([mine.key[extra], theirs.key[missing]]))
         collected["twice"].append(mine.points[rest & _is_repeated(mine, theirs)])
+    for (triangles, surface, by_ray), name in zip(
+        ((solid.corners, wanted.corners, claimed[0]), (wanted.corners, solid.corners, claimed[1])),
+        ("extra", "missing"), strict=True,
+    ):  # fmt: skip
+        unmet = np.flatnonzero(~by_ray)
+        strays = unmet[~_on_surface(triangles[unmet], surface, tolerance)]
+        collected[name].append(triangles[strays].mean(axis=1))
+        if name == "missing":
+            collected["owner"].append(wanted.owner[strays])
+            seen += np.bincount(wanted.owner[unmet], minlength=parts[0])
     whole = {name: np.concatenate(arrays) for name, arrays in collected.items()}
     return Difference(
         whole["extra"], whole["missing"], whole["owner"].astype(int), seen,
@@ -208,7 +220,7 @@ def _crossings(
     u, v = (axis + 1) % 3, (axis + 2) % 3
     flat = (corners[:, :, [u, v]] - origin[[u, v]]) / pitch[[u, v]]
     wanted = None if chosen is None else chosen.reshape(counts[v], counts[u])
-    rows = [_rays(flat, chunk, wanted) for chunk in _chunks(flat)]
+    rows = [_rays(flat, chunk, wanted, counts[[u, v]]) for chunk in _chunks(flat, counts[v])]
     triangle, column, row = (np.concatenate(arrays) for arrays in zip(*rows, strict=True)) if rows else (
         np.zeros(0, int) for _ in range(3)
     )  # fmt: skip
@@ -228,21 +240,24 @@ def _crossings(
     return Crossings(key.astype(np.int64), along, points, triangle, slope[triangle])
 
 
-def _chunks(flat: Array) -> Iterator[Indices]:
-    """Triangles with some area, in groups that few rows of rays cross."""
+def _chunks(flat: Array, count: int) -> Iterator[Indices]:
+    """Triangles with some area, in groups that few of the rows of rays cross."""
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     wide = np.flatnonzero(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-9)
-    rows = np.ceil(flat[wide, :, 1].max(axis=1)) - np.ceil(flat[wide, :, 1].min(axis=1))
+    low, high = (
+        np.clip(np.ceil(ends), 0, count) for ends in (flat[wide, :, 1].min(axis=1), flat[wide, :, 1].max(axis=1))
+    )
+    rows = high - low
     group = (np.cumsum(rows) // MOST_ROWS).astype(int)
     for number in np.unique(group[rows > 0]):
         yield wide[(group == number) & (rows > 0)]
 
 
-def _rays(flat: Array, chosen: Indices, wanted: Mask | None) -> tuple[Indices, Indices, Indices]:
-    """Triangle, column and row of each ray through triangles (n, 3, 2) in units of the grid."""
+def _rays(flat: Array, chosen: Indices, wanted: Mask | None, counts: Indices) -> tuple[Indices, Indices, Indices]:
+    """Triangle, column and row of each ray of a grid through triangles (n, 3, 2) in its units."""
     triangles = flat[chosen]
-    first = np.ceil(triangles[:, :, 1].min(axis=1)).astype(np.int64)
-    number = np.ceil(triangles[:, :, 1].max(axis=1)).astype(np.int64) - first
+    first = np.clip(np.ceil(triangles[:, :, 1].min(axis=1)), 0, counts[1]).astype(np.int64)
+    number = np.clip(np.ceil(triangles[:, :, 1].max(axis=1)), 0, counts[1]).astype(np.int64) - first
     which, row = _counted(number)
     row += first[which]
     if wanted is not None:
@@ -259,6 +274,7 @@ def _rays(flat: Array, chosen: Indices, wanted: Mask | None) -> tuple[Indices, I
     left = np.ceil(np.where(is_crossed, at, np.inf).min(axis=1))
     right = np.ceil(np.where(is_crossed, at, -np.inf).max(axis=1))
     good = np.isfinite(left) & np.isfinite(right)
+    left, right = np.clip(left, 0, counts[0]), np.clip(right, 0, counts[0])
     which, row, left, right = which[good], row[good], left[good], right[good]
     pair, column = _counted((right - left).astype(np.int64))
     column += left[pair].astype(np.int64)
@@ -272,3 +288,51 @@ def _counted(number: Indices) -> tuple[Indices, Indices]:
     """For numbers (n,), the index of each counted item's number, and its place from 0."""
     which = np.repeat(np.arange(len(number)), number)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
+
+
+def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
+    """Tell which triangles (m, 3, 3) have their middle on others (n, 3, 3) that face the same side."""
+    middles, normals = triangles.mean(axis=1), _normals(triangles)
+    lies, facing = np.zeros(len(triangles), bool), _normals(surface)
+    # A needle of a triangle has no side.
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+    is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
+    low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
+    orders = np.argsort(middles, axis=0, kind="stable")
+    ends = np.array([
+        [np.searchsorted(middles[order, axis], bound[:, axis], side) for bound, side in ((low, "left"), (high, "right"))]
+        for axis, order in enumerate(orders.T)
+    ])  # fmt: skip
+    numbers = ends[:, 1] - ends[:, 0]
+    # Along the axis on which the fewest of the middles may be its own.
+    best = np.argmin(numbers, axis=0)
+    number, start = numbers.min(axis=0), np.take_along_axis(ends[:, 0], best[None], axis=0)[0]
+    group = np.cumsum(number) // MOST_ROWS
+    for chunk in np.split(np.arange(len(surface)), np.flatnonzero(np.diff(group)) + 1):
+        which, place = _counted(number[chunk])
+        other = chunk[which]
+        index = orders[place + start[other], best[other]]
+        close = ((middles[index] >= low[other]) & (middles[index] <= high[other])).all(axis=1) & ~lies[index]
+        index, other = index[close], other[close]
+        same = is_thin[index] | (np.einsum("ij,ij->i", normals[index], facing[other]) > 0)
+        index, other = index[same], other[same]
+        lies[index[_distances(middles[index], surface[other]) <= tolerance]] = True
+    return lies
+
+
+def _normals(triangles: Array) -> Array:
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def _distances(points: Array, triangles: Array) -> Array:
+    """Distances (m,) of points (m, 3) from triangles (m, 3, 3)."""
+    sides, offsets = np.roll(triangles, -1, axis=1) - triangles, points[:, None] - triangles
+    lengths = np.maximum(np.einsum("mki,mki->mk", sides, sides), 1e-300)
+    share = np.clip(np.einsum("mki,mki->mk", offsets, sides) / lengths, 0.0, 1.0)
+    to_sides = np.linalg.norm(offsets - share[..., None] * sides, axis=2).min(axis=1)
+    normals = _normals(triangles)
+    inward = np.cross(normals[:, None], sides)
+    is_over = (np.einsum("mki,mki->mk", inward, offsets) >= 0).all(axis=1)
+    sizes = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    to_plane = np.abs(np.einsum("mi,mi->m", normals, offsets[:, 0])) / sizes
+    return np.asarray(np.where(is_over, to_plane, to_sides))

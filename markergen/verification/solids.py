@@ -133,7 +133,9 @@ for _suffix, _kind in ((".step", "STEP"), (".stp", "STEP"), (".brep", "BREP"), (
 def _once(solid: Solid) -> Solid:
     """The solid without triangles that are there before with the same side outside, which are a flaw."""
     objects, count = [], 0
-    size = max(float(np.ptp(solid.shell.corners.reshape(-1, 3), axis=0).max()), 1e-12)
+    # Of most of it: something far away would make all others alike.
+    spread = np.ptp(np.quantile(solid.shell.corners.reshape(-1, 3), [0.1, 0.9], axis=0), axis=0)
+    size = max(float(spread.max()), 1e-12)
     for mesh in solid.objects:
         corners = mesh.corners * (TYPICAL / size)
         sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -69,6 +69,9 @@ BODIES = {
     "block beside the plate": box((80, 0, -3), (90, 10, 0)),
     "post on the back": box((-18, -18, -20), (-15, -15, -3)),
     "block in a dot": box((-1, 31, 0), (1, 33, 1)),
+    "grain on the face": box((-18.02, -18.03, 0), (-17.92, -17.93, 0.1)),
+    "needle on the face": box((-18.02, -18.03, 0), (-17.97, -17.98, 5)),
+    "grain far away": box((1e5, 0, 0), (1e5 + 0.1, 0.1, 0.1)),
     "void": box((-18, -18, -2), (-15, -15, -1))[:, ::-1],
 }
 

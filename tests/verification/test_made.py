@@ -192,6 +192,11 @@ DAMAGES = {
         "a hole at x 40, y 40 mm that the marker does not have",
         marker=plate(holes=(*HOLES, Hole(0.04, 0.04, 0.004))),
     ),
+    "a hole as fine as a nozzle": Damage(
+        "hole",
+        "a hole at x 40.1, y 40.05 mm that the marker does not have",
+        marker=plate(holes=(*HOLES, Hole(0.0401, 0.04005, 0.0004))),
+    ),
     "the plate missing": Damage("part", "the plate is missing", (*NAMED, *CAD), parts=one("plate", lambda _: None)),
     "the plate raised": Damage(
         "height",

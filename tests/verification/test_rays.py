@@ -51,6 +51,16 @@ def test_what_is_more_is_extra_where_it_is(name, low, high):
     assert (compared.extra < high + 0.1).all()
 
 
+@pytest.mark.parametrize("place", [(5.02, 5.03, 2), (1e6, 0, 0)])
+def test_what_is_finer_than_the_rays_is_extra_wherever_it_is(place):
+    grain = box((0.05, 0.05, 0.1)).apply_translation(place)
+    compared = difference(shell(plate(), grain), shell(plate()), TOLERANCE)
+    assert len(compared.extra) >= 10
+    assert np.linalg.norm(compared.extra - place, axis=1).max() < 0.1
+    compared = difference(shell(plate()), shell(plate(), grain), TOLERANCE)
+    assert set(compared.missing_owner.tolist()) == {1}
+
+
 def test_what_is_moved_by_more_than_the_tolerance_differs():
     for offset, differs in ((0.5 * TOLERANCE, False), (2 * TOLERANCE, True)):
         compared = difference(shell(moved(plate(), offset, 0, 0)), shell(plate()), TOLERANCE)
