@@ -299,8 +299,9 @@ def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
     low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
     orders = np.argsort(middles, axis=0, kind="stable")
+    sides = ((low, "left"), (high, "right"))
     ends = np.array([
-        [np.searchsorted(middles[order, axis], bound[:, axis], side) for bound, side in ((low, "left"), (high, "right"))]
+        [np.searchsorted(middles[order, axis], bound[:, axis], side) for bound, side in sides]
         for axis, order in enumerate(orders.T)
     ])  # fmt: skip
     numbers = ends[:, 1] - ends[:, 0]

@@ -68,15 +68,16 @@ class Solid:
         return any(mesh.name or mesh.color for mesh in self.objects)
 
     def _dark(self) -> Mask | None:
-        """Whether each triangle is dark; None if one has no color."""
+        """Whether each triangle is dark, where those without a color are light; None if none has one."""
         lightness = []
         for mesh in self.objects:
             lightness_of_mesh = np.nan if mesh.color is None else float(LUMA @ np.array(mesh.color))
             levels = np.array([*(float(LUMA @ np.array(color)) for color in mesh.palette), lightness_of_mesh])
             lightness.append(levels[np.full(len(mesh.corners), -1) if mesh.paints is None else mesh.paints])
         levels = np.concatenate(lightness)
-        if not np.isfinite(levels).all():
+        if not np.isfinite(levels).any():
             return None
+        levels = np.nan_to_num(levels, nan=1.0)
         spread = float(np.ptp(levels)) if len(levels) else 0.0
         return np.asarray(levels < (levels.max() + levels.min()) / 2 if spread >= CONTRAST else levels < 0.5)
 

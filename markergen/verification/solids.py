@@ -28,7 +28,7 @@ from markergen.verification.rims import FLUSH, dots_of
 from markergen.verification.solid_files import Solid, open_edges, read_solid
 from markergen.verification.tags import NEAR as NEAR_CELL
 from markergen.verification.tags import corners_off, not_there
-from markergen.verification.wanted_solids import WantedSolid, area_of, best_wanted, volume_of, wanted_dots
+from markergen.verification.wanted_solids import WantedSolid, area_of, best_wanted, size_of, volume_of, wanted_dots
 from markergen.verification.words import MOST_LISTED, REMOVE, Finding, short_length, somewhere
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
@@ -133,9 +133,7 @@ for _suffix, _kind in ((".step", "STEP"), (".stp", "STEP"), (".brep", "BREP"), (
 def _once(solid: Solid) -> Solid:
     """The solid without triangles that are there before with the same side outside, which are a flaw."""
     objects, count = [], 0
-    # Of most of it: something far away would make all others alike.
-    spread = np.ptp(np.quantile(solid.shell.corners.reshape(-1, 3), [0.1, 0.9], axis=0), axis=0)
-    size = max(float(spread.max()), 1e-12)
+    size = size_of(solid.shell.corners)
     for mesh in solid.objects:
         corners = mesh.corners * (TYPICAL / size)
         sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

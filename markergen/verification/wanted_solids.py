@@ -152,8 +152,7 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
         raise problem
     # In another unit, all is larger by the same.
     usual_corners = wanted_solid(body, *choices[0][2:]).shell.corners
-    size, usual_size = (float(np.ptp(shell.reshape(-1, 3), axis=0).max()) for shell in (corners, usual_corners))
-    ratio = size / usual_size
+    ratio = size_of(corners) / size_of(usual_corners)
     corners = corners if 1 / UNIT < ratio < UNIT else corners / ratio
     measures = [(max(abs(volume_of(mesh)), 1e-9), area_of(mesh)) for mesh in (corners, _around(corners, usual_corners))]
 
@@ -223,6 +222,11 @@ def volume_of(corners: Array) -> float:
     """Volume in mm^3 that triangles (m, 3, 3) enclose."""
     a, b, c = np.moveaxis(corners - corners[0, 0], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def size_of(corners: Array) -> float:
+    """Largest side in mm of most of some triangles (m, 3, 3), whatever is far away from these."""
+    return max(float(np.ptp(np.quantile(corners.reshape(-1, 3), [0.1, 0.9], axis=0), axis=0).max()), 1e-12)
 
 
 def area_of(corners: Array) -> float:

@@ -255,7 +255,43 @@ def again_elsewhere(document):
     document["nodes"][0]["children"].append(len(document["nodes"]) - 1)
 
 
+def extension(name, content, kind="materials", index=-1):
+    return lambda document: document[kind][index].update(extensions={name: content})
+
+
+def primitive(**changes):
+    """Change what draws dot 2."""
+
+    def change(document):
+        mesh = next(node["mesh"] for node in document["nodes"] if node.get("name") == "dot-2")
+        entry = document["meshes"][mesh]["primitives"][0]
+        entry |= {key: value for key, value in changes.items() if value is not None}
+        for key in changes.keys() - {key for key, value in changes.items() if value is not None}:
+            del entry[key]
+
+    return change
+
+
+def painted_by_corner(document):
+    for mesh in document["meshes"]:
+        attributes = mesh["primitives"][0]["attributes"]
+        attributes["COLOR_0"] = attributes["POSITION"]
+
+
+def textured(document):
+    document["materials"][-1]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+
+
 GLTF = {
+    "a hidden node": extension("KHR_node_visibility", {"visible": False}, "nodes"),
+    "copies of a node": extension("EXT_mesh_gpu_instancing", {"attributes": {"TRANSLATION": 0}}, "nodes"),
+    "glass": extension("KHR_materials_transmission", {"transmissionFactor": 1.0}),
+    "another color, by an extension": extension("KHR_materials_pbrSpecularGlossiness", {"diffuseFactor": [1, 1, 1, 1]}),
+    "a compressed mesh": primitive(extensions={"KHR_draco_mesh_compression": {"bufferView": 0}}),
+    "a dot without material": primitive(material=None),
+    "a texture": textured,
+    "colors of corners": painted_by_corner,
+    "a matrix and a scale": lambda document: document["nodes"][0].update(scale=[0.98] * 3),
     "transparent": clear,
     "masked": materials(alphaMode="MASK", alphaCutoff=2.0),
     "glowing": materials(emissiveFactor=[1, 1, 1]),
@@ -276,7 +312,27 @@ def swapped(text):
     return re.sub(r'(key="extruder" value=")([12])', lambda match: match[1] + "21"[int(match[2]) - 1], text)
 
 
+def within(namespace, element):
+    """A part of an object that other programs read."""
+    return lambda text: text.replace("</triangles>", f'</triangles><{element} xmlns="{namespace}"/>')
+
+
+MICROSOFT = "http://schemas.microsoft.com/3dmanufacturing/"
+WHITE = f'<colorgroup id="9" xmlns="{MICROSOFT}material/2015/02"><color color="#FFFFFFFF"/></colorgroup>'
+
 PRINTED = {
+    "slices": (within(f"{MICROSOFT}slice/2015/07", "slicestack"), MODEL),
+    "beams": (within(f"{MICROSOFT}beamlattice/2017/02", "beamlattice"), MODEL),
+    "a texture": (within(f"{MICROSOFT}material/2015/02", "texture2dgroup"), MODEL),
+    "triangles painted in a slicer": (
+        lambda text: re.sub(r'(<triangle [^>]*p1="1")', r'\1 paint_color="4"', text),
+        MODEL,
+    ),
+    "triangles of two colors": (lambda text: re.sub(r'p1="1"', 'p1="1" p2="0"', text), MODEL),
+    "white by a group of colors": (
+        lambda text: re.sub(r'pid="1" p1="1"', 'pid="9" p1="0"', text).replace("<basem", f"{WHITE}<basem"),
+        MODEL,
+    ),
     "not printed": (lambda text: text.replace("<item ", '<item printable="0" '), MODEL),
     "a support": (lambda text: text.replace('type="model"', 'type="support"'), MODEL),
     "transparent": (lambda text: re.sub(r'(displaycolor="#\w{6})\w*', r"\g<1>00", text), MODEL),

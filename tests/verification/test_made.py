@@ -1,5 +1,6 @@
 """Every kind of damage to a solid, in every format that can carry it, is called by its name."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,7 @@ PLATE = Substrate(thickness=0.004, holes=HOLES, outline=rectangle(0.12, 0.11))
 
 @dataclass(frozen=True)
 class Damage:
-    """Damage to a file: another marker or fabrication that it is made from, or what is done to its parts.
+    """Damage to a file: another marker or fabrication that it is made from, what is done to its parts or a STEP's text.
 
     `phrase` is a part of the sentences and remedies of a finding of `kind`.
     """
@@ -45,6 +46,7 @@ class Damage:
     marker: Callable = lambda marker: marker
     parts: Callable = lambda parts: parts
     process: Fabrication = FABRICATION
+    text: Callable = lambda text: text
 
 
 def plate(**changes):
@@ -96,6 +98,34 @@ def renamed(one, other):
 
 def gray(part):
     return replace(part, dark=False) if isinstance(part, rewritten.Piece) else replace(part, material="light")
+
+
+def hidden(entity):
+    """Hide the first dot of a STEP, or its layer."""
+
+    def change(text):
+        solid = re.findall(r"(#\d+) = MANIFOLD_SOLID_BREP", text)[1]
+        style = next(
+            item for item, of in re.findall(r"(#\d+) = STYLED_ITEM\('color',\(#\d+\),(#\d+)\)", text) if of == solid
+        )
+        layer = f"#99998 = PRESENTATION_LAYER_ASSIGNMENT('dots','',({solid}));"
+        lines = (
+            f"#99999 = INVISIBILITY(({style}));"
+            if entity == "INVISIBILITY"
+            else f"{layer}#99999 = INVISIBILITY((#99998));"
+        )
+        return text.replace("ENDSEC;\nEND-ISO", f"{lines}\nENDSEC;\nEND-ISO")
+
+    return change
+
+
+def clear(text):
+    """Make the dark parts of a STEP transparent."""
+    style = r"(#\d+ = SURFACE_SIDE_STYLE\('',\()(#\d+)\)"
+    glass = "#99998 = SURFACE_STYLE_RENDERING_WITH_PROPERTIES($,#{0},(#99999));#99999 = SURFACE_STYLE_TRANSPARENT(0.9);"
+    dark = re.findall(r"#(\d+) = COLOUR_RGB", text)[-1]
+    text = re.sub(style, r"\1\2,#99998)", text)
+    return text.replace("ENDSEC;\nEND-ISO", f"{glass.format(dark)}\nENDSEC;\nEND-ISO")
 
 
 TURNED = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
@@ -209,6 +239,11 @@ DAMAGES = {
     "a dot in the plate's color": Damage(
         "color", "dot 3 has the color of the plate", (*NAMED, *CAD), parts=one("dot-3", gray)
     ),
+    "a dot that is hidden": Damage("solid", "is hidden or transparent", CAD, text=hidden("INVISIBILITY")),
+    "a dot on a hidden layer": Damage(
+        "solid", "is hidden or transparent", CAD, text=hidden("PRESENTATION_LAYER_ASSIGNMENT")
+    ),
+    "a dot of glass": Damage("solid", "is hidden or transparent", CAD, text=clear),
     "names swapped": Damage(
         "part", "the part called 'dot-1' is dot 3", (*NAMED, *CAD), parts=renamed("dot-1", "dot-3")
     ),
@@ -275,6 +310,8 @@ def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     damage = DAMAGES[name]
     path = tmp_path / f"a{suffix}"
     damaged = written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix)))
+    if suffix == ".step":
+        damaged.write_text(damage.text(damaged.read_text()))
     check = verify(marker, damaged, Settings(fabrication=damage.process))
     sentences = [str(finding) for finding in check.findings if finding.kind == damage.kind]
     assert any(damage.phrase in text for text in sentences), check.findings

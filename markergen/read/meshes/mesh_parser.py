@@ -87,6 +87,27 @@ INTEGERS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 FLOAT, TRIANGLES = 5126, 4
 """Types of numbers and of primitives in a glTF."""
 
+GLB_KEYS = {
+    "glTF": {
+        "asset", "scene", "scenes", "nodes", "meshes", "materials", "accessors", "bufferViews", "buffers", "cameras",
+        "extensionsUsed", "images", "samplers",
+    },
+    "scene": {"nodes"},
+    "node": {"mesh", "children", "matrix", "translation", "rotation", "scale", "camera"},
+    "mesh": {"primitives"},
+    "primitive": {"attributes", "indices", "material", "mode"},
+    "attribute": {"POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1"},
+    "material": {"pbrMetallicRoughness", "doubleSided", "alphaMode", "alphaCutoff", "emissiveFactor"},
+    "color": {"baseColorFactor", "metallicFactor", "roughnessFactor"},
+}  # fmt: skip
+"""Keys of each kind of entry of a glTF that are read, or that change no shape and no color."""
+
+HARMLESS_KEYS = {"name", "extras", "extensions"}
+HARMLESS_EXTENSIONS = {
+    "KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_unlit", "KHR_xmp_json_ld",
+}  # fmt: skip
+"""Keys and extensions of any entry that do not either."""
+
 FRAME = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Rotation from glTF's axes (y up, z toward the viewer) to those of simulators and of the marker (z up)."""
 
@@ -110,16 +131,27 @@ def read_glb(data: bytes) -> Reply:
 
 
 def _glb_flaws(document: dict[str, Any]) -> Iterator[str]:
-    """What programs draw otherwise than triangles in one opaque color."""
-    for key in ("animations", "skins", "textures"):
-        if document.get(key):
-            yield f"it has {key}, which are not read"
-    for primitive in (primitive for mesh in document.get("meshes", []) for primitive in mesh["primitives"]):
-        if "targets" in primitive or primitive.get("mode", TRIANGLES) != TRIANGLES:
-            yield "it has lines, points or shapes that move, which are not read"
-    for material in document.get("materials", []):
-        opacity = float(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))[3])
-        mode = material.get("alphaMode", "OPAQUE")
+    """What programs draw otherwise than triangles in one opaque color: all that is not read, and is not harmless."""
+    primitives = [primitive for mesh in document.get("meshes", []) for primitive in mesh["primitives"]]
+    materials = document.get("materials", [])
+    colors = [material.get("pbrMetallicRoughness", {}) for material in materials]
+    for kind, entries in (
+        ("glTF", [document]), ("scene", document["scenes"]), ("node", document["nodes"]),
+        ("mesh", document.get("meshes", [])), ("primitive", primitives), ("material", materials), ("color", colors),
+        ("attribute", [primitive["attributes"] for primitive in primitives]),
+    ):  # fmt: skip
+        extensions = (extension for entry in entries for extension in entry.get("extensions", ()))
+        keys = {key for entry in entries for key in entry} - GLB_KEYS[kind] - HARMLESS_KEYS
+        for key in sorted({*keys, *extensions} - HARMLESS_EXTENSIONS):
+            yield f"a {kind} has {brief(key)}, which is not read"
+    if any(
+        "matrix" in node and not {"translation", "rotation", "scale"}.isdisjoint(node) for node in document["nodes"]
+    ):
+        yield "a node has a matrix beside its translation, rotation or scale"
+    if any(primitive.get("mode", TRIANGLES) != TRIANGLES for primitive in primitives):
+        yield "it has lines or points, which are not read"
+    for material, color in zip(materials, colors, strict=True):
+        mode, opacity = material.get("alphaMode", "OPAQUE"), float(color.get("baseColorFactor", (1, 1, 1, 1))[3])
         if mode != "OPAQUE" and (mode == "MASK" or opacity < 1):
             yield f"the material {brief(str(material.get('name', '')))} is transparent"
         if any(material.get("emissiveFactor", ())):
@@ -199,7 +231,7 @@ def _glb_count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
 
 def _glb_mesh(document: dict[str, Any], binary: memoryview, node: dict[str, Any], matrix: Array) -> MeshObject:
     corners, paints = [np.zeros((0, 3, 3))], [np.zeros(0, dtype=np.int64)]
-    palette: list[Color | None] = []
+    palette: list[Color] = []
     for primitive in _glb_primitives(document, node):
         places = _glb_array(document, binary, primitive["attributes"]["POSITION"], 3)
         indices = primitive.get("indices")
@@ -212,10 +244,9 @@ def _glb_mesh(document: dict[str, Any], binary: memoryview, node: dict[str, Any]
     every, paint, name = np.concatenate(corners), np.concatenate(paints), str(node.get("name", ""))[:LONGEST]
     # Most triangles determine the color of the part.
     main = int(np.argmax(np.bincount(paint, minlength=1)))
-    colors = [color for color in palette if color is not None]
-    if len(colors) < len(palette) or not colors:
-        return MeshObject(every, name, palette[main] if palette else None)
-    return MeshObject(every, name, palette[main], np.where(paint == main, -1, paint), colors)
+    if not palette:
+        return MeshObject(every, name)
+    return MeshObject(every, name, palette[main], np.where(paint == main, -1, paint), palette)
 
 
 def _glb_array(document: dict[str, Any], binary: memoryview, index: int, width: int) -> NDArray[Any]:
@@ -235,10 +266,9 @@ def _glb_array(document: dict[str, Any], binary: memoryview, index: int, width: 
     return np.array(np.ndarray((accessor["count"], width), kind, inside, inner, (step, size // width)))
 
 
-def _glb_color(document: dict[str, Any], primitive: dict[str, Any]) -> Color | None:
-    if "material" not in primitive:
-        return None
-    material = _at(document["materials"], primitive["material"])
+def _glb_color(document: dict[str, Any], primitive: dict[str, Any]) -> Color:
+    """Color of a primitive; white without a material, as the format has it."""
+    material = _at(document["materials"], primitive["material"]) if "material" in primitive else {}
     factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))
     red, green, blue = (float(value) for value in factor[:3])
     return red, green, blue
@@ -250,6 +280,25 @@ CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 ROOT = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 VOLUMES = "metadata/slic3r_pe_model.config"
 """Where PrusaSlicer finds the parts of a mesh: ranges of triangles, with names and extruders."""
+
+COLORS = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
+SETS = "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07"
+"""Namespaces of colors, which are read, and of names for triangles."""
+
+THREEMF_KEYS = {
+    f"{CORE} {tag}": set(keys.split())
+    for tag, keys in {
+        "model": "unit requiredextensions recommendedextensions", "metadata": "name preserve type", "metadatagroup": "",
+        "resources": "", "basematerials": "id", "base": "name displaycolor",
+        "object": "id type name pid pindex partnumber thumbnail", "mesh": "", "vertices": "", "vertex": "x y z",
+        "triangles": "", "triangle": "v1 v2 v3 pid p1 p2 p3", "components": "", "component": "objectid transform",
+        "build": "", "item": "objectid transform partnumber printable",
+    }.items()
+} | {f"{COLORS} colorgroup": {"id"}, f"{COLORS} color": {"color"}}  # fmt: skip
+"""Elements and attributes of a 3MF that are read, or that change no shape and no color."""
+
+HARMLESS_ATTRIBUTES = {"UUID", "lang", "printable", "schemaLocation"}
+"""Attributes of other namespaces, of which some do not either."""
 
 UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
 """Units of a model, in mm."""
@@ -400,14 +449,26 @@ class _Model:
         self._starts = {
             f"{CORE} {word}": getattr(self, f"_{word}")
             for word in ("vertex", "triangle", "model", "basematerials", "base", "object", "component", "item")
-        }
+        } | {f"{COLORS} colorgroup": self._basematerials, f"{COLORS} color": self._base}
 
     def take(self, tag: str, attributes: Attributes | None) -> None:
         """Collect objects, materials and build items; without attributes, leave an element."""
+        if attributes is not None and not (tag in THREEMF_KEYS and attributes.keys() <= THREEMF_KEYS[tag]):
+            self._unread(tag, attributes)
         if attributes is not None and (handler := self._starts.get(tag)) is not None:
             handler(attributes)
         elif attributes is None and tag == f"{CORE} object":
             self._current = None
+
+    def _unread(self, tag: str, attributes: Attributes) -> None:
+        """Note elements and attributes that programs read."""
+        namespace, _, word = tag.rpartition(" ")
+        if tag not in THREEMF_KEYS and namespace != SETS:
+            self.flaws.append(f"it has a {brief(word)}, which is not read")
+        elif tag in THREEMF_KEYS:
+            others = (key.rpartition(" ") for key in attributes.keys() - THREEMF_KEYS[tag])
+            names = sorted(key for space, _, key in others if not (space and key in HARMLESS_ATTRIBUTES))
+            self.flaws += [f"a {word} has {brief(key)}, which is not read" for key in names]
 
     def _vertex(self, attributes: Attributes) -> None:
         if self._current:
@@ -422,6 +483,8 @@ class _Model:
         current.paints.append(
             self._paint(attributes.get("pid", current.group), attributes["p1"]) if "p1" in attributes else current.paint
         )
+        if any(attributes.get(key, attributes.get("p1")) != attributes.get("p1") for key in ("p2", "p3")):
+            self.flaws.append("a triangle is painted in several colors")
         self._counted("triangles", MOST_TRIANGLES)
 
     def _model(self, attributes: Attributes) -> None:
@@ -434,8 +497,9 @@ class _Model:
         self.first[attributes["id"]] = len(self.palette)
 
     def _base(self, attributes: Attributes) -> None:
-        self.palette.append(_color(attributes["displaycolor"]))
-        if len(attributes["displaycolor"]) == 9 and attributes["displaycolor"][7:].lower() != "ff":
+        color = attributes["color"] if "color" in attributes else attributes["displaycolor"]
+        self.palette.append(_color(color))
+        if len(color) == 9 and color[7:].lower() != "ff":
             self.flaws.append(f"the material {brief(attributes.get('name', ''))} is transparent")
         self._counted("materials")
 

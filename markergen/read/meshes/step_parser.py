@@ -25,7 +25,7 @@ Of that diagonal, since a part in a wrong unit would have millions of triangles 
 Json = dict[str, Any]
 Reply = tuple[Json, dict[str, Any]]
 Part = tuple[str, Any, Any, list[tuple[Any, Any]]]
-"""Name, color, shape and face colors of a solid."""
+"""Name, color, shape and face colors of a solid: red, green, blue and opacity, which is 0 for what is hidden."""
 
 
 def prepare() -> None:
@@ -56,7 +56,10 @@ def _reply(parts: list[Part]) -> Reply:
         arrays[f"corners{number}"] = np.concatenate([np.zeros((0, 3, 3)), *corners])
         if palette:
             arrays[f"paints{number}"] = np.repeat(paints, [len(of_face) for of_face in corners]).astype(int)
-        flaws += [f"{f'the part {name}' if name else f'part {number + 1}'} {flaw}" for flaw in _flaws(shape)]
+        opacity = min((paint[3] for paint in (color, *(paint for _, paint in painted)) if paint), default=1.0)
+        of_part = [*_flaws(shape), *(["is hidden or transparent"] if opacity < 1 else [])]
+        flaws += [f"{f'the part {name}' if name else f'part {number + 1}'} {flaw}" for flaw in of_part]
+        palette, color = [paint[:3] for paint in palette], color and color[:3]
         objects.append({"name": name, "color": color, "palette": palette, "tool": "", "volume": _volume(shape)})
     return {"objects": objects, "flaws": flaws}, arrays
 
@@ -136,6 +139,7 @@ def _step(path: str) -> list[Part]:
     Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
     reader.SetColorMode(True)
     reader.SetNameMode(True)
+    reader.SetLayerMode(True)
     if reader.ReadFile(path) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise ValueError("text that is no STEP")
     document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
@@ -204,14 +208,20 @@ def _name(label: Any) -> str:
 
 
 def _color(label: Any) -> list[float] | None:
-    from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
-    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool
+    from OCP.Quantity import Quantity_ColorRGBA, Quantity_TOC_sRGB
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool, XCAFDoc_DocumentTool
 
-    rgb = Quantity_Color()
+    layers, hidden = TDF_LabelSequence(), not XCAFDoc_ColorTool.IsVisible_s(label)
+    tool = XCAFDoc_DocumentTool.LayerTool_s(label)
+    tool.GetLayers(label, layers)
+    hidden = hidden or any(not tool.IsVisible(layer) for layer in _sequence(layers))
+    paint = Quantity_ColorRGBA()
     for kind in (XCAFDoc_ColorSurf, XCAFDoc_ColorGen):
-        if XCAFDoc_ColorTool.GetColor_s(label, kind, rgb):
-            return [float(value) for value in rgb.Values(Quantity_TOC_sRGB)]
-    return None
+        if XCAFDoc_ColorTool.GetColor_s(label, kind, paint):
+            rgb = [float(value) for value in paint.GetRGB().Values(Quantity_TOC_sRGB)]
+            return [*rgb, 0.0 if hidden else float(paint.Alpha())]
+    return [1.0, 1.0, 1.0, 0.0] if hidden else None
 
 
 def _solids(shape: Any) -> list[Any]:
