@@ -121,7 +121,7 @@ def _inside(model: str, normalized: Array, coefficients: Coefficients) -> tuple[
     """Return x and y, both nan outside the domain."""
     x, y = normalized[..., 0], normalized[..., 1]
     seen = x * x + y * y < domain_radius(model, coefficients) ** 2
-    return np.where(seen, x, np.nan), np.where(seen, y, np.nan)
+    return (x, y) if seen.all() else (np.where(seen, x, np.nan), np.where(seen, y, np.nan))
 
 
 @lru_cache(maxsize=64)

@@ -166,7 +166,7 @@ def test_a_validation_says_that_the_print_was_measured(measured):
     found = validate(measured, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
     assert found.budget["print_measured"]
     assert "was measured" in str(found)
-    assert "with more photographs" in str(found)
+    assert "as long as markergen calibrate asks for more" in str(found)
     assert "0.1 mm" not in str(found)
     designed = validate(measured.as_designed, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
     assert "good to 0.1 mm" in str(designed)

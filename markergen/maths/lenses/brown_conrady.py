@@ -65,13 +65,14 @@ class RadialTangential(RadialModel):
     def domain_radius(self, coefficients: Coefficients) -> float:
         """See `LensModel.domain_radius`; exact, from the roots of polynomials."""
         above, below, _, _ = _ratio(coefficients)
-        # Polynomials in r, because the tangential term is odd in r.
-        numerator, denominator = np.polynomial.Polynomial(_even(above)), np.polynomial.Polynomial(_even(below))
-        r = np.polynomial.Polynomial([0, 1])
-        steepness = numerator * denominator + r * (numerator.deriv() * denominator - numerator * denominator.deriv())
-        loss = 6 * np.hypot(*self.tangential(coefficients)) * r
-        conditions = (steepness - loss * denominator**2, numerator - loss * denominator, denominator)
-        return min(LARGEST_RADIUS, *(first_root(condition.coef) for condition in conditions))
+        # Polynomials in r, because the tangential term is odd in r; plain arrays, since adjustments try thousands.
+        numerator, denominator = _even(above), _even(below)
+        by_r, by_r_below = (np.arange(len(part)) * part for part in (numerator, denominator))  # times r / dr
+        steepness = np.convolve(numerator + by_r, denominator) - np.convolve(numerator, by_r_below)
+        loss = np.array([0.0, 6 * np.hypot(*self.tangential(coefficients))])
+        lost = np.convolve(loss, denominator)
+        conditions = _less(steepness, np.convolve(lost, denominator)), _less(numerator, lost), denominator
+        return min(LARGEST_RADIUS, *(first_root(condition) for condition in conditions if len(condition) > 1))
 
 
 class Rational(RadialTangential):
@@ -89,6 +90,14 @@ def _even(coefficients: Coefficients) -> Array:
     """Convert the coefficients of a polynomial in r^2 to those of a polynomial in r."""
     result = np.zeros(2 * len(coefficients) - 1)
     result[::2] = coefficients
+    return result
+
+
+def _less(first: Array, second: Array) -> Array:
+    """Difference of two polynomials."""
+    result = np.zeros(max(len(first), len(second)))
+    result[: len(first)] = first
+    result[: len(second)] -= second
     return result
 
 
