@@ -53,7 +53,7 @@ def main() -> None:
     bounds = pose_bounds(marker.xyz, PAPER_CAMERA, poses, 0.2)
     experiment = Experiment(marker.xyz, 0.15, PAPER_CAMERA, poses, bounds, 0.2, options.runs, 0, ())
     chunks = [range(i, min(i + POSES_AT_ONCE, len(poses))) for i in range(0, len(poses), POSES_AT_ONCE)]
-    parts = map_chunks(partial(bare_loop, experiment), chunks, options.workers, lambda _: None)
+    parts = map_chunks(partial(bare_loop, experiment), chunks, options.workers, lambda *_: None)
     spent = {name: np.sum([part[name] for part in parts], axis=0) for name in parts[0]}
 
     print(f"{len(poses)} poses x {options.runs} runs, {options.workers} workers")

@@ -59,11 +59,11 @@ def workers_for(wanted: int | None, worth: int) -> int:
 
 
 def map_chunks(
-    function: Callable[[C], R], chunks: Sequence[C], workers: int, finished: Callable[[int], None]
+    function: Callable[[C], R], chunks: Sequence[C], workers: int, finished: Callable[[int, R], object]
 ) -> list[R]:
     """Return function(chunk) for every chunk, computed by `workers` processes; 1 computes in this process.
 
-    Calls finished(index) as each chunk is done. Anything that interrupts the caller ends the workers at once.
+    Calls finished(index, result) as each chunk is done. Anything that interrupts the caller ends the workers at once.
 
     Raises
     ------
@@ -74,12 +74,12 @@ def map_chunks(
     if workers == 1:
         for index, chunk in enumerate(chunks):
             results[index] = function(chunk)
-            finished(index)
+            finished(index, results[index])
     else:
         with closing(as_completed_chunks(function, chunks, workers)) as completed:
             for index, result in completed:
                 results[index] = result
-                finished(index)
+                finished(index, result)
     return [results[index] for index in range(len(chunks))]
 
 
@@ -98,6 +98,7 @@ def map_counted(
     workers: int,
     progress: Callable[[int, int], None] | None = None,
     size: Callable[[C], int] = len,  # type: ignore[assignment]
+    finished: Callable[[int, R], object] = lambda *_: None,
 ) -> list[R]:
     """Return function(chunk) for every chunk as `map_chunks` does, and report progress.
 
@@ -109,18 +110,21 @@ def map_counted(
         Called with the total size of the finished chunks, and of all chunks; first with 0.
     size : callable
         Size of a chunk, for progress.
+    finished : callable
+        Called with the index and the result of each chunk as it is done.
     """
     total, done = sum(map(size, chunks)), 0
     if progress:
         progress(0, total)
 
-    def finished(index: int) -> None:
+    def count(index: int, result: R) -> None:
         nonlocal done
+        finished(index, result)
         done += size(chunks[index])
         if progress:
             progress(done, total)
 
-    return map_chunks(function, chunks, max(1, min(workers, len(chunks))), finished)
+    return map_chunks(function, chunks, max(1, min(workers, len(chunks))), count)
 
 
 class TimeForecast(Generic[C]):

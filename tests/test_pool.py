@@ -19,34 +19,34 @@ ROOT = Path(__file__).parents[1]
 SCRIPT = """
 import time
 from markergen.pool import map_chunks
-map_chunks(time.sleep, [0, 0, 60, 60], 2, lambda index: print("done", index, flush=True))
+map_chunks(time.sleep, [0, 0, 60, 60], 2, lambda index, _: print("done", index, flush=True))
 """
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_keep_the_order_of_the_chunks(workers):
     finished = []
-    assert map_chunks(math.factorial, range(6), workers, finished.append) == [1, 1, 2, 6, 24, 120]
-    assert sorted(finished) == list(range(6))
+    assert map_chunks(math.factorial, range(6), workers, lambda *done: finished.append(done)) == [1, 1, 2, 6, 24, 120]
+    assert sorted(finished) == [(k, math.factorial(k)) for k in range(6)]
 
 
 def test_workers_use_one_thread_each_and_the_parent_keeps_its_own(monkeypatch):
     monkeypatch.setenv(BLAS_THREADS[0], "7")
     monkeypatch.delenv(BLAS_THREADS[1], raising=False)
-    assert map_chunks(os.getenv, BLAS_THREADS, 2, lambda _: None) == ["1"] * len(BLAS_THREADS)
+    assert map_chunks(os.getenv, BLAS_THREADS, 2, lambda *_: None) == ["1"] * len(BLAS_THREADS)
     assert os.environ[BLAS_THREADS[0]] == "7"
     assert BLAS_THREADS[1] not in os.environ
 
 
 def test_an_error_in_a_worker_arrives():
     with pytest.raises(ValueError, match="factorial"):
-        map_chunks(math.factorial, [3, -1], 2, lambda _: None)
+        map_chunks(math.factorial, [3, -1], 2, lambda *_: None)
     assert not multiprocessing.active_children()
 
 
 def test_a_worker_that_ends_early_is_told_from_an_error_of_its_own():
     with pytest.raises(MarkergenError, match="ended early; use one"):
-        map_chunks(os._exit, [3, 3], 2, lambda _: None)
+        map_chunks(os._exit, [3, 3], 2, lambda *_: None)
 
 
 @pytest.fixture(params=[signal.SIG_IGN, signal.SIG_DFL], ids=["as in Python", "as after gmsh"])
@@ -72,7 +72,7 @@ def test_a_worker_that_ends_while_others_are_being_started(monkeypatch):
 
     monkeypatch.setattr(multiprocessing.context.SpawnProcess, "start", start_late)
     with pytest.raises(MarkergenError, match="ended early; use one"):
-        map_chunks(math.factorial, [3, 3], 2, lambda _: None)
+        map_chunks(math.factorial, [3, 3], 2, lambda *_: None)
     assert not multiprocessing.active_children()
 
 
@@ -86,17 +86,17 @@ def test_a_worker_that_ends_while_others_are_being_started(monkeypatch):
 )
 def test_what_cannot_travel_is_an_error_of_its_chunk(function, chunk, error):
     with pytest.raises(error, match=r"cannot pickle|Odd: said"):
-        map_chunks(function, [chunk, chunk], 2, lambda _: None)
+        map_chunks(function, [chunk, chunk], 2, lambda *_: None)
 
 
 def test_large_chunks_and_results_pass():
     """Beyond what a pipe holds, in both directions at once."""
     chunks = [bytes([k]) * 3_000_000 for k in range(6)]
-    assert map_chunks(bytes, chunks, 2, lambda _: None) == chunks
+    assert map_chunks(bytes, chunks, 2, lambda *_: None) == chunks
 
 
 def test_an_interrupt_between_chunks_ends_the_workers_at_once():
-    def interrupt(_):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     start = time.monotonic()
@@ -123,7 +123,7 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
         'print("runs")\n'
         "import math\n"
         "from markergen.pool import map_chunks\n"
-        "print(map_chunks(math.factorial, [3, 4], 2, lambda _: None), __spec__, __file__)\n"
+        "print(map_chunks(math.factorial, [3, 4], 2, lambda *_: None), __spec__, __file__)\n"
     )
     ran = run_file(tmp_path / "script.py", script)
     assert (ran.stdout, ran.stderr) == (f"runs\n[6, 24] None {tmp_path / 'script.py'}\n", "")
@@ -169,7 +169,7 @@ def test_what_a_script_defines_reaches_the_workers_and_ctrl_c_does_not(tmp_path)
         "    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])\n"
         "    return 2 * x, signal.SIGINT in blocked\n"
         'if __name__ == "__main__":\n'
-        "    print(map_chunks(double, [3, 4], 2, lambda _: None))\n"
+        "    print(map_chunks(double, [3, 4], 2, lambda *_: None))\n"
     )
     ran = run_file(tmp_path / "script.py", script)
     assert (ran.stdout, ran.stderr) == ("[(6, True), (8, True)]\n", "")

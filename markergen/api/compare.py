@@ -20,7 +20,6 @@ from markergen.options import Progress, check_progress, settle, signature_of
 from markergen.options.compare import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.read.poses import poses_as_stated
-from markergen.units import duration
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +49,7 @@ def compare(
     progress : callable or None
         Called with the stage, the amount done, and the total.
     announce : callable or None
-        Called once, after the first views, with a sentence about the expected duration.
+        Called with a sentence about the expected duration after the first views, and one about each contestant.
     **options
         As on the command line, ``markergen compare --help``, with underscores. Lengths are in m, or text with a unit.
 
@@ -81,18 +80,16 @@ def compare(
     poses: Any = poses_as_stated(settled["poses"], settled)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
-    kept = ", less what --parts has kept" if settled["parts"] else ""
-    say = (lambda seconds: announce(f"the whole comparison: about {duration(seconds)}{kept}")) if announce else None
     if _protocol(settled):
         judged = fmac(
             texts, IMAGES if settled["views"] is None else settled["views"], settled["seed"], settled["print_sigma"],
-            settled["workers"], progress, markers, settled["parts"], say,
+            settled["workers"], progress, markers, settled["parts"], announce,
         )  # fmt: skip
         return ProtocolComparison(judged, ProtocolComparison(judged).write(targets))
     results, cpu_s = run(
         texts, COMPARED_VIEWS if settled["views"] is None else settled["views"], settled["seed"], poses,
         settled["print_sigma"], workers=settled["workers"], progress=progress, given=markers,
-        announce=say,
+        announce=announce,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)

@@ -41,11 +41,18 @@ SECONDS_BETWEEN_LINES = 30
 
 @contextmanager
 def progress_bar() -> Iterator["Progress"]:
-    """Yield a callback ``(stage, done, total)`` that shows a bar with the time left on stderr, removed at the end."""
+    """Yield a callback ``(stage, done, total)`` that shows a bar with the time left on stderr, removed at the end.
+
+    A log gets an occasional line instead.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
+    if Silence.on or not sys.stderr.isatty():
+        lines = _LogLines(SECONDS_BETWEEN_LINES)
+        yield lambda stage, done, total: lines(f"{STAGES.get(stage, stage)}, {100 * done / max(total, 1):.0f} %")
+        return
     columns = (
         TextColumn("{task.description:>27}"),
         BarColumn(),
@@ -58,7 +65,6 @@ def progress_bar() -> Iterator["Progress"]:
         transient=True,
         # Lines for the same terminal go above the bar; a file or a pipe gets its own.
         redirect_stdout=sys.stdout.isatty(),
-        disable=Silence.on or not sys.stderr.isatty(),
     ) as bar:
         tasks: dict[str, Any] = {}
 
@@ -101,7 +107,10 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn
 
     if Silence.on or not sys.stderr.isatty():
-        yield _silent if Silence.on else _LogLines()
+        lines = _LogLines(-inf)
+        yield lambda done, total, seconds: lines(
+            ", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), done == total
+        )
         return
     columns = (TextColumn("{task.completed}/{task.total} cells"), BarColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
@@ -110,15 +119,15 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
 
 
 class _LogLines:
-    """Progress for a log: the first line, the last one, and one every half minute."""
+    """Progress for a log: a line every half minute, the first one after some seconds, and the last one."""
 
-    def __init__(self) -> None:
-        self._printed = -inf
+    def __init__(self, first: float) -> None:
+        self._next = monotonic() + first
 
-    def __call__(self, done: int, total: int, seconds: float) -> None:
-        if monotonic() > self._printed + SECONDS_BETWEEN_LINES or done == total:
-            self._printed = monotonic()
-            print(", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), file=sys.stderr, flush=True)
+    def __call__(self, line: str, is_last: bool = False) -> None:
+        if is_last or monotonic() > self._next:
+            self._next = monotonic() + SECONDS_BETWEEN_LINES
+            note(line)
 
 
 @contextmanager

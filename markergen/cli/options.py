@@ -14,7 +14,7 @@ from typer.core import TyperCommand
 from markergen.api.names import names_of, takes_names
 from markergen.cli import console
 from markergen.errors import InputError
-from markergen.options import VIEW, Option, declared
+from markergen.options import VIEW, Option, declared, guess
 from markergen.options.kinds import KINDS, Kind
 
 Rows = list[tuple[str, str]]
@@ -53,18 +53,6 @@ def parser_of(kind: Kind) -> Callable[[str], Any] | None:
 
     parse.__name__ = kind.parse.__name__
     return parse
-
-
-GUESSES = {
-    **dict.fromkeys(("--size", "--width"), ("--boundary", "the room is --radius 150mm or --boundary rect:200mmx100mm")),
-    "--diameter": ("--dot", "--dot 20mm is the diameter of a dot, --radius 150mm half that of the room"),
-    **dict.fromkeys(("--dots", "--count", "--num", "--number"), ("--n", "write --n 8")),
-    **dict.fromkeys(("--out", "--file", "--format"), ("--output", "write -o marker.pdf; its suffix is the format")),
-    "--units": ("--radius", "lengths carry their unit: 150mm, 0.15, 6in"),
-    **dict.fromkeys(("--dictionary", "--dict", "--family"), ("--tag", "write --tag aruco:DICT_4X4_50:7")),
-    "--calibration": ("--camera", "write --camera camera.yaml"),
-}
-"""What users of other tools type: the option that has to exist for an answer, and the answer."""
 
 
 class Help:
@@ -131,8 +119,8 @@ class GroupedCommand(TyperCommand):
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter.__base__ as error:  # type: ignore[misc]
-            flag, answer = GUESSES.get(getattr(error, "option_name", ""), ("", ""))
-            if any(flag in param.opts for param in self.get_params(ctx)):
+            name = getattr(error, "option_name", "").lstrip("-")
+            if answer := guess(name, [str(param.name) for param in self.get_params(ctx)]):
                 error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
             elif possibilities := getattr(error, "possibilities", None):
                 # The dashes that all options share made short ones look alike.

@@ -12,7 +12,7 @@ import numpy as np
 from markergen.arrays import Array, Mask
 from markergen.comparison.baselines import line_up
 from markergen.comparison.contestants import Choice, Contestant
-from markergen.comparison.series import TUNING, VIEWS, Observation, Series, shared, tune_chunk
+from markergen.comparison.series import TUNING, VIEWS, Observation, Series, announcing, shared, tune_chunk
 from markergen.comparison.tuning import BUDGET
 from markergen.defaults import COMPARED_VIEWS
 from markergen.errors import InputError
@@ -23,6 +23,7 @@ from markergen.objectives import Setting
 from markergen.options import Progress
 from markergen.pool import TimeForecast, chunks_of, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
+from markergen.units import duration
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
@@ -58,7 +59,7 @@ def compare_and_time(
     workers: int | None = None,
     progress: Progress | None = None,
     given: Mapping[str, Marker | Rig] | None = None,
-    announce: Callable[[float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
@@ -83,7 +84,7 @@ def compare_and_time(
     given : mapping or None
         Markers that are not in files, see `line_up`.
     announce : callable or None
-        Called once, after the first views, with the seconds that all is expected to take.
+        Called with a sentence about the expected duration after the first views, and one about each contestant.
 
     Returns
     -------
@@ -117,15 +118,18 @@ def compare_and_time(
     to_tune = [(who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
     if announce:
         stages = {"views": _observe, "bounds": lambda series, task: _bound_chunk(series, task[::2])}
-        announce(forecast(counting, tuning, present, workers, stages))
+        seconds = forecast(counting, tuning, present, workers, stages)
+        announce(f"the whole comparison: about {duration(seconds)}")
     tuned = dict(zip(to_tune, shared(tune_chunk, tuning, to_tune, workers, "settings", progress), strict=True))
     choices: list[Choice] = [{} for _ in contestants]
     for (who, _), (variant, choice, _) in tuned.items():
         contestants[who], choices[who] = variant, choice
     counting = replace(counting, contestants=tuple(contestants))
-    tasks = [(who, choices[who], part) for part in chunks_of(views, AT_ONCE) for who in present]
+    tasks = [(who, choices[who], part) for who in present for part in chunks_of(views, AT_ONCE)]
     pairs = [[(Observation(reason=c.absent),) * 2] * views if c.absent else [] for c in contestants]
-    for (who, _, _), part in zip(tasks, shared(_observe, counting, tasks, workers, "views", progress), strict=True):
+    whose = [who for who, _, _ in tasks]
+    tell = announcing(counting, whose, announce or (lambda _: None), lambda part: [first for first, _ in part])
+    for who, part in zip(whose, shared(_observe, counting, tasks, workers, "views", progress, tell), strict=True):
         pairs[who] += part
     observations, refined = ([[pair[k] for pair in row] for row in pairs] for k in range(2))
     bounds = _bounds(counting, present, workers, progress)
@@ -136,8 +140,8 @@ def compare_and_time(
         entry["photometric"] = _summary(refined[who], bounds[who], everywhere, seed)
     for (who, _), (_, _, rows) in tuned.items():
         results["contestants"][who]["tuning"] = rows
-    seconds = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in present}
-    return results, {contestants[who].name: median for who, median in seconds.items()}
+    medians = {who: float(np.median([observation.cpu_s for observation in observations[who]])) for who in present}
+    return results, {contestants[who].name: median for who, median in medians.items()}
 
 
 def forecast(

@@ -24,7 +24,16 @@ from markergen.comparison.contestants import KINDS, Arena, Choice, Contestant
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.printed import Squares
 from markergen.comparison.result import Comparison
-from markergen.comparison.series import TUNING, VIEWS, Observation, Series, observe_chunk, shared, tune_chunk
+from markergen.comparison.series import (
+    TUNING,
+    VIEWS,
+    Observation,
+    Series,
+    announcing,
+    observe_chunk,
+    shared,
+    tune_chunk,
+)
 from markergen.comparison.tuning import POSE
 from markergen.errors import InputError
 from markergen.files import make_folder, write_atomic
@@ -41,7 +50,7 @@ from markergen.presentation.results import json_bytes, plain
 from markergen.presentation.tables import Table, data_frame, number, percent
 from markergen.read.poses import poses_from
 from markergen.render import Optics
-from markergen.units import format_length
+from markergen.units import duration, format_length
 from markergen.validation.degrees import ERRORS, SCATTERED, DegreeErrors, correlation_words, draw_degrees, pose_degrees
 
 if TYPE_CHECKING:
@@ -140,7 +149,7 @@ def fmac(
     progress: Progress | None = None,
     given: Mapping[str, Marker | Rig] | None = None,
     folder: Path | None = None,
-    announce: Callable[[float], None] | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Judge markers by the protocol.
 
@@ -154,7 +163,7 @@ def fmac(
     folder : Path or None
         Keeps tuned settings and finished parts, with which a run that was stopped, or one with more views, goes on.
     announce : callable or None
-        Called once, after the first views, with the seconds that all is expected to take if nothing has been kept.
+        Called with a sentence about the expected duration after the first views, and one about each contestant.
 
     Returns
     -------
@@ -181,17 +190,20 @@ def fmac(
     present = [who for who, contestant in enumerate(contestants) if not contestant.absent]
     count = min(views, len(poses))
     if announce:
-        announce(forecast(replace(series, count=count), tuning, present, workers, {"views": observe_chunk}))
+        seconds = forecast(replace(series, count=count), tuning, present, workers, {"views": observe_chunk})
+        kept = ", less what --parts has kept" if folder else ""
+        announce(f"the whole comparison: about {duration(seconds)}{kept}")
     common = [seed, print_sigma, asdict(OPTICS), CAMERA.as_dict(), POSES]
     identities = {who: [*_made_of(contestants[who]), *common] for who in present}
     to_tune = [(identities[who], who, range(TUNING_VIEWS)) for who in present if contestants[who].settings]
     tuned = shared(partial(_tuned, shelf), tuning, to_tune, workers, "settings", progress)
     settings = {who: ({}, []) for who in present} | {who: row for (_, who, _), row in zip(to_tune, tuned, strict=True)}
-    tasks = [(identities[who], who, settings[who][0], part) for part in chunks_of(count, PART) for who in present]
+    tasks = [(identities[who], who, settings[who][0], part) for who in present for part in chunks_of(count, PART)]
     observations: dict[int, list[Observation]] = {who: [] for who in present}
-    for (_, who, _, _), rows in zip(
-        tasks, shared(partial(_part, shelf), series, tasks, workers, "views", progress), strict=True
-    ):
+    whose = [who for _, who, _, _ in tasks]
+    tell = announcing(series, whose, announce or (lambda _: None), lambda rows: [*map(_observation, rows)])
+    parts = shared(partial(_part, shelf), series, tasks, workers, "views", progress, tell)
+    for who, rows in zip(whose, parts, strict=True):
         observations[who] += map(_observation, rows)
     entries = [
         {"name": contestant.name, "absent": contestant.absent}

@@ -3,6 +3,7 @@
 # tests: tests/comparison/test_compare.py tests/comparison/test_fmac.py tests/comparison/test_photometric.py
 
 import time
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -22,6 +23,7 @@ from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.options import Progress
 from markergen.pool import map_counted, workers_for
+from markergen.presentation.tables import number, percent
 from markergen.render import DEFAULT_OPTICS, Optics, window_of
 from markergen.render.optics import FULL_SCALE
 from markergen.validation.bounds import Scene, grey_gradient
@@ -191,12 +193,41 @@ def shared(
     workers: int | None,
     stage: str,
     progress: Progress | None,
+    finished: Callable[[int, Any], object] = lambda *_: None,
 ) -> list[Any]:
-    """Results of all tasks, whose last item is a range of views, shared out among processes."""
+    """Results of all tasks, whose last item is a range of views, shared out among processes; see `map_counted`."""
     report = (lambda done, total: progress(stage, done, total)) if progress else None
     images = sum(len(task[-1]) for task in tasks)
     workers = workers_for(workers, 1 + images // WORTH_A_WORKER)
-    return map_counted(partial(function, series), tasks, workers, report, size=lambda task: len(task[-1]))
+    return map_counted(partial(function, series), tasks, workers, report, lambda task: len(task[-1]), finished)
+
+
+def announcing(
+    series: Series,
+    contestants: Sequence[int],
+    announce: Callable[[str], None],
+    read: Callable[[Any], Sequence[Observation]],
+) -> Callable[[int, Any], None]:
+    """Take finished parts by their index, each of one of the `contestants`, and announce whose are all there."""
+    left, observations = Counter(contestants), defaultdict[int, list[Observation]](list)
+
+    def finished(index: int, part: Any) -> None:
+        who = contestants[index]
+        observations[who] += read(part)
+        left[who] -= 1
+        if not left[who]:
+            rows = observations[who]
+            rotation, translation = (
+                statistics(np.array([getattr(row, key) for row in rows if row.counts]))["rms"]
+                for key in ("rotation_deg", "translation_pct")
+            )
+            share = percent(sum(row.detected for row in rows) / len(rows))
+            announce(
+                f"{series.contestants[who].name}: found in {share} of {len(rows)} views, RE {number(rotation)} deg, TE "
+                f"{number(translation)} % RMS ({sum(not more for more in left.values())} of {len(left)})"
+            )
+
+    return finished
 
 
 def observe_chunk(series: Series, task: tuple[int, Choice, range]) -> list[Observation]:

@@ -5,7 +5,7 @@ The options themselves are declared in `markergen.options.declarations`, the kin
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -244,7 +244,28 @@ def as_list(value: Any) -> list[Any]:
     return list(value) if isinstance(value, Iterable) and not is_single else [value]
 
 
+GUESSES = {
+    **dict.fromkeys(("size", "width"), ("boundary", "the room is --radius 150mm or --boundary rect:200mmx100mm")),
+    "diameter": ("dot", "--dot 20mm is the diameter of a dot, --radius 150mm half that of the room"),
+    **dict.fromkeys(("dots", "count", "num", "number"), ("n", "write --n 8")),
+    **dict.fromkeys(("out", "file", "format"), ("output", "write -o marker.pdf; its suffix is the format")),
+    "units": ("radius", "lengths carry their unit: 150mm, 0.15, 6in"),
+    **dict.fromkeys(("dictionary", "dict", "family"), ("tag", "write --tag aruco:DICT_4X4_50:7")),
+    "calibration": ("camera", "write --camera camera.yaml"),
+    "camera": ("protocol", "all are seen by the camera of the first marker's design: markergen design --camera"),
+}
+"""What users of other tools write: the option that has to exist for an answer, and the answer."""
+
+
+def guess(name: str, names: Collection[str]) -> str:
+    """Return the answer to an option of another tool where these options exist; else nothing."""
+    option, answer = GUESSES.get(name, ("", ""))
+    return answer if option in names and name not in names else ""
+
+
 def _hint(name: str, names: Mapping[str, Option]) -> str:
+    if answer := guess(name, names):
+        return answer
     matches = get_close_matches(name, names, n=1)
     return f"did you mean {matches[0]!r}?" if matches else f"known: {', '.join(names)}"
 

@@ -9,7 +9,7 @@ from typer.main import get_command
 
 from markergen.cli import main
 from markergen.cli.commands import app
-from markergen.cli.options import GUESSES
+from markergen.options import GUESSES
 
 SOURCE = Path(__file__).parents[2] / "markergen" / "cli" / "commands"
 COMMANDS = ("design", "validate", "export", "detect", "compare", "verify", "rescale", "study", "templates")
@@ -59,6 +59,7 @@ def test_every_command_has_an_example(name, capsys):
         ("design --dots 8", "write --n 8"),
         ("export m.json --format pdf", "its suffix is the format"),
         ("detect x.png --calibration c.yaml", "write --camera camera.yaml"),
+        ("compare a.json --camera c.yaml", "the camera of the first marker's design"),
         ("design --raduis 80mm", "(Possible options: --radius);"),
         ("rig cube --sides 6", "No such option: --sides; see"),
     ],
@@ -71,8 +72,8 @@ def test_names_of_other_tools_and_misspelled_ones_are_answered(words, said, caps
 
 
 def test_answers_name_options_that_exist():
-    known = {flag for option in get_command(app).commands["design"].params for flag in option.opts}
-    for guess, (flag, answer) in GUESSES.items():
-        assert guess not in known
-        assert flag in known
-        assert {word for word in answer.split() if word.startswith("--")} <= known
+    options = [command.params for command in get_command(app).commands.values()]
+    flags = {flag for params in options for param in params for flag in param.opts}
+    for guess, (option, answer) in GUESSES.items():
+        assert any(option in names and guess not in names for names in ({param.name for param in o} for o in options))
+        assert {word for word in answer.split() if word.startswith("--")} <= flags

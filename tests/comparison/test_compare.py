@@ -20,6 +20,7 @@ from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
+from markergen.presentation.tables import number
 
 VIEWS = 20
 FAR = "cone:distance=1.3..1.5m,count=20"
@@ -53,7 +54,7 @@ def results(path, few_tuning_views):
 
 @pytest.fixture(scope="module")
 def timed(path, few_tuning_views):
-    """A comparison with one whose library is missing, and the seconds of processor time and of the forecast."""
+    """A comparison with one whose library is missing, seconds of processor time, and calls that report on it."""
     calls = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "stag", None)
@@ -182,9 +183,14 @@ def test_each_peer_has_the_best_of_its_settings(results):
         assert rates[peer["size"], peer["setting"]] >= 0.95 * max(rates.values())
 
 
-def test_a_forecast_is_announced_once_before_the_stages(timed):
-    assert 0 < timed.calls[0] < 600
-    assert not any(isinstance(call, float) for call in timed.calls[1:])
+def test_a_forecast_is_announced_before_the_stages_and_each_contestant_when_it_is_finished(timed):
+    forecast, *rows = [call for call in timed.calls if isinstance(call, str)]
+    assert timed.calls[0] == forecast
+    assert forecast.startswith("the whole comparison: about ")
+    first, square = timed.found["contestants"][:2]
+    assert [row.partition(": found in ")[0] for row in rows] == [first["name"], square["name"]]
+    assert f"RE {number(square['rotation_deg']['rms'])} deg" in rows[1]
+    assert timed.calls.index(rows[0]) < timed.calls.index(("views", 4, 4)) < timed.calls.index(("bounds", 0, 4))
 
 
 def test_progress_counts_every_stage_to_the_end(results):

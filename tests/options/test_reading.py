@@ -109,6 +109,11 @@ def test_all_that_is_wrong_is_told_at_once():
     assert said.endswith("; see help(markergen.validate)")
 
 
+def test_a_name_of_another_function_is_answered():
+    with pytest.raises(InputError, match="the camera of the first marker's design"):
+        settle({"camera": "camera.yaml"}, CompareKeywords)
+
+
 def test_a_message_stays_short_whatever_is_given():
     class Shouting:
         def __repr__(self):
