@@ -142,7 +142,7 @@ UNREADABLE: dict[str, list[tuple[bytes, str, str]]] = {
         (rb"\"img_name\"\s*:", "cameras of a Gaussian splatting", "give images.txt of COLMAP"),
         (rb"\A#name,x,y,alt", "a registration of RealityCapture", _TABLE),
         (rb"^\s*(?:pose|position|translation):\s*$", "messages of ROS as YAML", _TABLE),
-        (rb"\A\x93NUMPY", "arrays of NumPy", "in Python give numpy.load of it, else a table with tx ty tz qx qy qz qw"),
+        (rb"\A\x93NUMPY", "an array of another shape", "save matrices (k, 4, 4), or a table with tx ty tz qx qy qz qw"),
         (rb"\A(?:PK\x03\x04|\x80[\x02-\x05]|MATLAB \d|\x89HDF)", "arrays of another program", _TABLE),
         (rb"\A#ROSBAG|\ASQLite format 3", "a bag or database", _TABLE),
         (rb"\A# Bundle file|\ANVM_V\d|\"sfm_data_version\"|<chunks?\b", "a scene of another program", _TABLE),

@@ -126,7 +126,7 @@ def test_which_way_each_goes_by_hand(write):
 
 
 def test_formats_by_name():
-    assert list(POSE_FORMATS) == ["colmap", "csv", "json", "kitti", "tum"]
+    assert list(POSE_FORMATS) == ["colmap", "csv", "json", "kitti", "npy", "tum"]
 
 
 def test_one_format_at_most_fits(write):

@@ -38,6 +38,8 @@ class PoseFormat(Format[RowsFile, RawPoses | NDArray[np.float64], NDArray[np.flo
 
 POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
 """Formats by name."""
+BINARY = ("npy", "colmap")
+"""Those of which a file need not be text."""
 
 
 def poses_from(source: Any, **reading: Any) -> PoseDistribution:
@@ -63,14 +65,17 @@ def poses_from(source: Any, **reading: Any) -> PoseDistribution:
         return poses_from(source(np.random.default_rng(0)))
     if hasattr(source, "to_csv"):
         return _reading_of("the DataFrame", source.to_csv(index=False).encode(), AS_WRITTEN)[0]
-    return RecordedPoses.from_numbers(_numbers_of_arrays(source))
+    return RecordedPoses.from_numbers(numbers_of_arrays(source))
 
 
 FORMS = "matrices (k, 4, 4) of T_camera_marker, or pairs of rotation vector and translation"
 
 
-def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
-    """Numbers (P, 7) of matrices (k, 4, 4), or of pairs of vectors (k, 2, 3)."""
+def numbers_of_arrays(source: Any, scale: float = 1.0, place: str = "poses[{}]") -> NDArray[np.float64]:
+    """Numbers (P, 7) of matrices (k, 4, 4), or of pairs of vectors (k, 2, 3), with the length of their unit in m.
+
+    Raises InputError for another form, no pose, or a rotation that is none.
+    """
     try:
         values = np.array(source if hasattr(source, "__len__") else list(source), dtype=float)
     except (TypeError, ValueError):
@@ -88,7 +93,7 @@ def _numbers_of_arrays(source: Any) -> NDArray[np.float64]:
         raise InputError("poses", form, remedy)
     if not len(translation):
         raise InputError("at least one pose", "none", f"give {FORMS}")
-    return numbers_of(translation, rotation, lambda index: f"poses[{index}]")
+    return numbers_of(scale * translation, rotation, place.format)
 
 
 def poses_as_stated(poses: Any, options: Mapping[str, Any]) -> Any:
@@ -160,10 +165,12 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> tuple[Rec
     if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
     file = RowsFile(name, text, convention)
-    refuse_unreadable(file.name, text, "poses")
-    if b"\0" in data and not POSE_FORMATS["colmap"].fits(file):
-        raise InputError(f"text in {name}", "bytes that are not text", "write the poses as text")
-    if (kind := recognized(POSE_FORMATS, file)) is None:
+    if (kind := next((name for name in BINARY if POSE_FORMATS[name].fits(file)), None)) is None:
+        refuse_unreadable(file.name, text, "poses")
+        if b"\0" in data:
+            raise InputError(f"text in {name}", "bytes that are not text", "write the poses as text")
+        kind = recognized(POSE_FORMATS, file)
+    if kind is None:
         raise unknown_format(POSE_FORMATS, file.name, "poses")
     reading = POSE_FORMATS[kind].read(file)
     raw = reading if isinstance(reading, RawPoses) else RawPoses(reading)
