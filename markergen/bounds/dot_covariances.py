@@ -82,7 +82,7 @@ def dot_information(coverage: Coverage, camera: Camera, image: ImageNoise, print
 def marker_budget(
     points: Array, diameter: float, setting: Setting, image: ImageNoise, sources: ErrorSources
 ) -> PoseBudget:
-    """Error budget of dots of one diameter in m at points (n, 2) in m, for all poses of a setting."""
+    """Error budget of dots of one diameter in m at points (n, 2 or 3) in m, for all poses of a setting."""
     camera, poses = setting.camera, setting.poses
     spread = dot_covariances(image_slopes(image_jacobian(points, camera, poses), poses), diameter, image)
     return pose_budget(points, poses.rotation, poses.translation, camera, spread, sources)

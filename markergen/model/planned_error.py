@@ -75,7 +75,7 @@ class PlannedError:
 
 
 def planned_error_of(provenance: Mapping[str, Any]) -> PlannedError | None:
-    """Return the error that a marker's provenance has; None if it has none, as that of a rig or a relief."""
+    """Return the error that a marker's provenance has; None if it has none, as that of bare points."""
     stored: Any = provenance.get(KEY)
     try:
         return PlannedError(

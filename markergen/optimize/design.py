@@ -286,7 +286,7 @@ class Design(Result):
 
     @property
     def plan(self) -> PlannedError | None:
-        """The error to plan with; None for a rig, a relief, bare points and dots of several sizes."""
+        """The error to plan with; None for a rig, bare points and dots of several sizes."""
         return planned_error_of(self.body.provenance)
 
     @property
@@ -748,7 +748,7 @@ def _made(task: _Task, layout: _Layout, gap: Gap, seconds: float) -> Design:
     _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
-    if dots.diameter and not spec.relief:
+    if dots.diameter:
         plan = planned_error(points, dots.diameter, spec, setting)
         marker = replace(marker, provenance={**marker.provenance, KEY: plan.as_dict()})
     check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)

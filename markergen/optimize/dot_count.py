@@ -152,7 +152,7 @@ def usual_sources(spec: Spec) -> ErrorSources:
 
 
 def planned_error(points: Array, diameter: float, spec: Spec, setting: Setting) -> PlannedError:
-    """Error to plan with of dots of one diameter in m at points (n, 2) in m, with the errors of `usual_sources`."""
+    """Error to plan with of dots of one diameter at points (n, 2 or 3), in m, with the errors of `usual_sources`."""
     sources = usual_sources(spec)
     budgets = [
         marker_budget(points, diameter, setting, spec.image_noise, errors)

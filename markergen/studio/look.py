@@ -27,7 +27,6 @@ from markergen.optimize.to_marker import dress
 from markergen.read.poses import poses_from
 from markergen.render import DEFAULT_OPTICS
 from markergen.studio.state import KEPT, Options, design_of, plain_options, points_as_text, spec_of_options
-from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import cells_of, plan_of
 from markergen.validation.expectation import expect
 from markergen.validation.metrics import rms
@@ -106,8 +105,6 @@ class Sketch:
     @property
     def budget(self) -> PoseBudget:
         """Error budget of every pose, to first order."""
-        if self.spec.relief:
-            return budget_of(self.series)
         poses, image = self.setting.poses, _image_covariance(self)
         return pose_budget(self.points, poses.rotation, poses.translation, self.setting.camera, image, self.sources)
 

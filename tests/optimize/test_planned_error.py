@@ -27,6 +27,14 @@ def test_it_is_the_same_everywhere(found, tmp_path):
         assert plan.amounts in " ".join(map(str, text))
 
 
+def test_a_relief_has_that_of_its_validation():
+    relief = design(n=6, radius="60mm", dot="12mm", relief="20mm", restarts=1, poses="cone:count=20,distance=0.3..0.8m")
+    proved = validate(relief.marker, runs=0, views=0)
+    assert proved.headline["rotation_deg"] == pytest.approx(relief.plan.rotation_deg, rel=1e-3)
+    assert proved.headline["translation_mm"] == pytest.approx(relief.plan.translation_mm, rel=1e-3)
+    assert relief.plan.sentence in relief.brief()
+
+
 def test_a_rig_has_that_of_its_validation():
     poses = "sphere:distance=0.3..0.5,count=30"
     rig = design_rig("cube", edge="80mm", n=4, restarts=1, poses=poses)
