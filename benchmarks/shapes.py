@@ -82,7 +82,7 @@ def random_specs(count: int) -> Iterator[tuple[str, Spec, int]]:
     for _ in range(count):
         name = str(rng.choice(list(shapes())))
         boundary, keep_outs = shapes()[name]
-        n, objective = int(np.exp(rng.uniform(np.log(4), np.log(25)))), str(rng.choice(list(OBJECTIVES)))
+        n, objective = int(np.exp(rng.uniform(np.log(4), np.log(13)))), str(rng.choice(list(OBJECTIVES)))
         width, focal = int(rng.choice([640, 1280, 1920])), rng.uniform(0.6, 2.0)
         camera = Camera(width, width * 3 // 4, focal * width, focal * width, width / 2 - 0.5, width * 3 / 8 - 0.5)
         near = boundary.radius * focal * rng.uniform(4, 8)
