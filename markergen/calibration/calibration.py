@@ -26,7 +26,7 @@ from markergen.calibration.judging import (
 )
 from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
 from markergen.calibration.next_photo import NextPhotos, next_photos
-from markergen.calibration.photos import PhotographedDots, find_dots, joined
+from markergen.calibration.photos import PhotographedDots, find_dots, joined_photographs
 from markergen.calibration.pictures import stations
 from markergen.calibration.relation import Relation, relate
 from markergen.calibration.residuals import MISFIT, Cleaned, adjust_robustly, likely_cause, noise_of
@@ -423,7 +423,7 @@ def calibrate_bodies(
     """Measure printed markers, and cameras that are unknown, by photographs of them; also what is held together.
 
     Bodies are markers, or a rig alone; photographs are those of `photos.find_dots`. For several cameras, photographs
-    and what is known are mappings by their names; `photos.joined` decides which are of one moment.
+    and what is known are mappings by their names; `photos.joined_photographs` decides which are of one moment.
 
     Raises
     ------
@@ -461,7 +461,7 @@ def calibrate_bodies(
         fits = [_adjusted(*part) for part in zip(wholes, parts, is_unknown, strict=True)]
         cleaned, sightings, _ = fits[0]
         if len(by_name) > 1:
-            sightings = joined([fit[1] for fit in fits], tuple(by_name))
+            sightings = joined_photographs([fit[1] for fit in fits], tuple(by_name))
             whole, cleaned = _together(whole, sightings, [fit[0] for fit in fits])
         is_noisy = any(fit[1] is not part for fit, part in zip(fits, parts, strict=True))
         _ = cleaned.adjustment.unscaled

@@ -224,7 +224,7 @@ def find_dots(
     return PhotographedDots(tuple(names), size, views, photo, marker, unused, doubts, tuple(notes)), camera
 
 
-def joined(parts: Sequence[PhotographedDots], names: Sequence[str]) -> PhotographedDots:
+def joined_photographs(parts: Sequence[PhotographedDots], names: Sequence[str]) -> PhotographedDots:
     """Photographs of several cameras: of one moment if their names are one, but for folder, ending and camera's name.
 
     Of photographs that have no file names, each camera's first are of one moment, and so on.
@@ -554,7 +554,7 @@ def relabelings(points: Array, rings: NDArray[np.bool_]) -> list[Relabeling]:
     return [relabeled[identity], *(relabeling for key, relabeling in relabeled.items() if key != identity)]
 
 
-def posed(dots: Labeled) -> Pose:
+def labeled_pose(dots: Labeled) -> Pose:
     """Return the pose of dots that have one."""
     assert dots.pose is not None
     return dots.pose
@@ -575,7 +575,7 @@ def alternatives(
     tree, guesses = cKDTree(dots[0]), list[Labeled]()
     apart = cKDTree(guess.centers).query(guess.centers, k=2)[0][:, 1]
     for relabeling in group:
-        rotation, translation = relabeling.pose(*posed(guess))
+        rotation, translation = relabeling.pose(*labeled_pose(guess))
         place = to_camera(points, rotation[None], translation[None])
         predicted = camera.to_pixels(perspective(place))[0]
         good = np.isfinite(predicted).all(axis=1) & (place[0, :, 2] > 0)
@@ -657,7 +657,7 @@ def settle_labels(options: Sequence[Sequence[Labeled]], points: Array, radii: Ar
 def _order(options: Sequence[Sequence[Labeled]]) -> list[int]:
     """Photographs in the order to join: first one of few labelings and many dots, then the one tilted most unlike."""
     first = min(range(len(options)), key=lambda k: (len(options[k]), -len(options[k][0].index)))
-    normals = np.array([posed(guesses[0])[0][:, 2] for guesses in options])
+    normals = np.array([labeled_pose(guesses[0])[0][:, 2] for guesses in options])
     order, nearest = [first], normals @ normals[first]
     while len(order) < len(options):
         nearest[order] = np.inf
@@ -672,7 +672,9 @@ def _joined(before: Settled, k: int, c: int, options: Sequence[Sequence[Labeled]
     photos = sorted(chosen)
     guesses = [options[photo][chosen[photo]] for photo in photos]
     old = {photo: pose for photo, pose in before.poses.items() if photo != k}
-    rows = [(guess.index, guess, old.get(photo, posed(guess))) for photo, guess in zip(photos, guesses, strict=True)]
+    rows = [
+        (guess.index, guess, old.get(photo, labeled_pose(guess))) for photo, guess in zip(photos, guesses, strict=True)
+    ]
     n = len(network.design)
     views = views_of(n, rows)
     shared = np.flatnonzero(views.seen.sum(axis=0) > 1)
@@ -700,7 +702,7 @@ def turned_to_design(
     """
     turned = [
         tuple(
-            replace(guess, index=guesses.image[guess.index], pose=guesses.pose(*posed(guess)))
+            replace(guess, index=guesses.image[guess.index], pose=guesses.pose(*labeled_pose(guess)))
             for guess in settled.guesses
         )
         for guesses in group
@@ -717,7 +719,7 @@ def _misfit(guesses: Sequence[Labeled], points: Array, radii: Array, camera: Cam
     for guess in guesses:
         seen = camera.from_pixels(guess.centers)
         weight = np.broadcast_to(camera.fx**2 * np.eye(2), (1, len(seen), 2, 2))
-        rotation, translation = posed(guess)
+        rotation, translation = labeled_pose(guess)
         refined = refine_poses(
             points[guess.index], radii[guess.index], seen[None], weight, rotation[None], translation[None]
         )

@@ -181,9 +181,9 @@ def detect_files(
     detector = Detector(markers, camera, **options)
     paths = find_images(as_list(images), warn)
     at_once = workers_for(workers, len(paths))
-    inputs = [*paths, *files_among(*as_list(markers), camera, options.get("camera_covariance"))]
+    inputs = [*paths, *paths_among(*as_list(markers), camera, options.get("camera_covariance"))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []
-    targets = files_among(json)
+    targets = paths_among(json)
     check_outputs(targets, inputs)
     if overlay:
         _check_apart(Path(overlay), paths)
@@ -230,7 +230,7 @@ def detect_files(
 detect_files.__signature__ = signature_of(detect_files, DetectorKeywords)  # type: ignore[attr-defined]
 
 
-def files_among(*things: Any) -> list[Path]:
+def paths_among(*things: Any) -> list[Path]:
     """Return the paths among inputs or outputs, some of which may be in memory."""
     return [Path(thing) for thing in things if isinstance(thing, str | Path)]
 

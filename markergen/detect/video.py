@@ -15,7 +15,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.batch import files_among, silent
+from markergen.detect.batch import paths_among, silent
 from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import Window, has_display
 from markergen.detect.results import Found
@@ -160,8 +160,8 @@ def detect_video(
     if overlay and Path(overlay).suffix.lower() not in CODECS:
         name = Path(overlay).with_suffix(".mp4")
         raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), f"give --overlay {name}")
-    inputs = files_among(one, *as_list(markers), camera, options.get("camera_covariance"))
-    check_outputs(files_among(json, overlay), inputs)
+    inputs = paths_among(one, *as_list(markers), camera, options.get("camera_covariance"))
+    check_outputs(paths_among(json, overlay), inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))

@@ -51,7 +51,7 @@ from markergen.optimize.ending import Ended, current_limit
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, check, objective_of, room_of, rough_of
 from markergen.optimize.search import search
-from markergen.optimize.to_marker import number, provenance_of
+from markergen.optimize.to_marker import numbered, provenance_of
 from markergen.options import Progress
 from markergen.presentation.tables import Table
 from markergen.presentation.tables import number as written
@@ -295,7 +295,7 @@ def _placement(face: Face | None) -> tuple[Array, Array]:
     return (np.array(face.rotation), np.array(face.translation)) if face else (np.eye(3), np.zeros(3))
 
 
-def nested(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> tuple[Block, ...]:
+def nested_scales(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> tuple[Block, ...]:
     """Find the scales of a spec for all of its poses, the largest first.
 
     The fewest scales are taken whose predicted error, RMS over the poses of each range of distance, is at most
@@ -449,7 +449,8 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     begin = perf_counter()
     poses = poses_from(spec.poses).placed(spec.camera)
     scales = tuple(
-        replace(scale, points=np.round(number(scale.points), 10) + 0.0) for scale in nested(spec, poses, progress)
+        replace(scale, points=np.round(numbered(scale.points), 10) + 0.0)
+        for scale in nested_scales(spec, poses, progress)
     )
     points = np.concatenate([scale.points for scale in scales])
     diameters = np.concatenate([np.full(len(scale.points), scale.diameter) for scale in scales])

@@ -61,7 +61,7 @@ from markergen.optimize.problem import (
 from markergen.optimize.relief import ReliefRoom, check_relief, relief_breach, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
-from markergen.optimize.to_marker import dress, number
+from markergen.optimize.to_marker import dress, numbered
 from markergen.optimize.trace import Recorder, Step, Watcher, trace_of
 from markergen.options import Progress, Watch
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
@@ -729,14 +729,14 @@ def _place(
         points = optimum.points
         if not optimum.binding:
             points = upright(points, objective, region, lambda turned: _safe(turned, spec, setting))
-        points = number(points)
+        points = numbered(points)
     else:
         optimum = search(objective, region, spec.n, rng, *more, first)
         if spec.relief:
             flat, room = optimum.points, ReliefRoom(region, spec.relief, eyes_of(setting.poses))
             optimum, others = search_relief(objective, room, flat, rng, *more), {"flat": flat}
             allowed = room.holds
-        points = number(upright(optimum.points, objective, region, allowed))
+        points = numbered(upright(optimum.points, objective, region, allowed))
     check_bounds(objective, points, spec)
     return _Layout(points, others, [*recorder.way(optimum.points), ("upright", points)] if recorder else [])
 

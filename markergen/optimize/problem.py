@@ -79,7 +79,7 @@ def check_objective(spec: Spec, noisy: bool) -> None:
         )
     for limit in goal.limits:
         unit = unit_of(limit.name)
-        if limit.unit != NGON and not scale_of(limit):
+        if limit.unit != NGON and not absolute_scale(limit):
             raise InputError(
                 f"a bound on {limit.name} in {unit or 'no unit'}, or in multiples of the regular polygon's",
                 f"objective={spec.objective!r}",
@@ -87,7 +87,7 @@ def check_objective(spec: Spec, noisy: bool) -> None:
             )
 
 
-def scale_of(limit: Limit) -> float:
+def absolute_scale(limit: Limit) -> float:
     """Value, in the unit of its objective, of 1 in the unit of a bound; 0 if it is another. Lengths may have any."""
     kind, criterion = OBJECTIVES[limit.name], OBJECTIVES[limit.name].criterion
     if limit.unit in ("", unit_of(limit.name)):
@@ -131,7 +131,7 @@ def objective_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Obj
     bounds = []
     for limit in goal.limits:
         part = _part(spec, setting, limit.name, "")
-        scale = _value(part, ngon) if limit.unit == NGON else scale_of(limit)
+        scale = _value(part, ngon) if limit.unit == NGON else absolute_scale(limit)
         bounds.append((part, limit.most * scale))
     return ComposedObjective(list(zip(scales, parts, strict=True)), bounds)
 

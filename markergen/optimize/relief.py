@@ -17,7 +17,7 @@ from markergen.objectives import Objective
 from markergen.optimize.ending import Ended
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
 from markergen.optimize.problem import TOLERANCE, FeasibleRegion
-from markergen.optimize.search import KEPT, Optimum, best_of
+from markergen.optimize.search import KEPT, Optimum, distinct_best
 from markergen.optimize.trace import Record
 from markergen.options import Progress
 
@@ -281,7 +281,7 @@ def search_relief(
         except Ended:
             break
     best = _flat(objective, flat)
-    kept = best_of(candidates, KEPT if n <= ALL_PAIRS_UP_TO else 1)
+    kept = distinct_best(candidates, KEPT if n <= ALL_PAIRS_UP_TO else 1)
     for done, (points, _) in enumerate(kept):
         if progress:
             progress("polish", done, len(kept))

@@ -55,7 +55,7 @@ from markergen.optimize.keyless import LARGEST, distinct_layout
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FEW_POSES, check, check_objective, check_parts, objective_of
 from markergen.optimize.search import search
-from markergen.optimize.to_marker import dress, number
+from markergen.optimize.to_marker import dress, numbered
 from markergen.options import Progress
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
@@ -480,7 +480,7 @@ def _dots(spec: Spec, wanted: float, room: float, poses: PoseDistribution, progr
 
 def _dressed(block: Block, dots: DotSize) -> Marker:
     spec, setting = block.spec, block.setting
-    points = np.concatenate([block.points[:1], number(block.points[1:])])
+    points = np.concatenate([block.points[:1], numbered(block.points[1:])])
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
     marker = dress(points, dots, spec, setting, table, layout_safety(points, setting, True))
     check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)

@@ -207,7 +207,7 @@ class Stages:
 
     def best_so_far(self) -> Optimum:
         """Return the best of all layouts that were polished and of the regular ones; its value is inf if none fits."""
-        layouts = [*(points for points, _ in best_of(self.ends, LIKELY)), *self.regular[0]]
+        layouts = [*(points for points, _ in distinct_best(self.ends, LIKELY)), *self.regular[0]]
         candidates = [(points, float(self.objective(points[None])[0])) for points in layouts]
         return Optimum(*min(candidates, key=lambda end: end[1], default=(np.empty((0, 2)), np.inf)))
 
@@ -275,7 +275,7 @@ class Stages:
             if restarts or not (agreed(ends) or agreed(probes)):
                 continue
             if not regular:
-                if exact := self.as_regular(*self.polished(best_of(probes if agreed(probes) else ends, 1)[0][0])):
+                if exact := self.as_regular(*self.polished(distinct_best(probes if agreed(probes) else ends, 1)[0][0])):
                     return exact
                 regular = self.from_regular(shaking, AGREEING)
                 others = [self.quick(regular.points)] if len(regular.points) else []
@@ -286,7 +286,7 @@ class Stages:
             ends.append(self.quick(packed))
         # Few poses rank layouts only nearly as all do.
         ends = [(points, float(self.objective(points[None])[0])) for points, value in ends if np.isfinite(value)]
-        candidates = self.finished(best_of(ends, POLISHED), "polish", starts + POLISHED)
+        candidates = self.finished(distinct_best(ends, POLISHED), "polish", starts + POLISHED)
         regular = regular or self.from_regular(shaking, restarts)
         points, value = min([*candidates, (regular.points, regular.value)], key=lambda end: end[1])
         return self.as_regular(points, value) or Optimum(points, value)
@@ -303,7 +303,7 @@ class Stages:
 
     def shown(self, ends: list[Ranked]) -> None:
         """Show the best of the first few ends, once there are enough."""
-        points, value = best_of(ends, 1)[0]
+        points, value = distinct_best(ends, 1)[0]
         if len(ends) == AGREEING and np.isfinite(value):
             self.first(points)
 
@@ -316,19 +316,19 @@ class Stages:
         if not len(layouts):
             return Optimum(layouts, np.inf)
         most = max(FEWEST_REGULAR, REGULAR * MOST_HOPPING // max(self.n, MOST_HOPPING))
-        candidates = best_of(list(zip(layouts, values.tolist(), strict=True)), min(most, restarts or most))
+        candidates = distinct_best(list(zip(layouts, values.tolist(), strict=True)), min(most, restarts or most))
         shakes = rng.normal(scale=JITTER * self.region.boundary.radius, size=(len(candidates), self.n, 2))
         total = len(shakes) + KEPT
         for done, (start, shake) in enumerate(zip([points for points, _ in candidates], shakes, strict=True)):
             self.tell("regular", done, total)
             if leading and done == 1:
-                self.first(best_of(candidates, 1)[0][0])
+                self.first(distinct_best(candidates, 1)[0][0])
             # A symmetric layout may be a saddle point, which gradient steps do not leave.
             for begin in (start, self.moved(start, start + shake)):
                 points, _ = self.quick(begin)
                 if self.holds(points):
                     candidates.append((points, float(self.objective(points[None])[0])))
-        ends = best_of(candidates)
+        ends = distinct_best(candidates)
         return Optimum(*min([*ends, *self.finished(ends, "regular", total)], key=lambda end: end[1]))
 
     def descended(self, rng: np.random.Generator, restarts: int) -> Optimum:
@@ -386,21 +386,21 @@ class Stages:
             ends.append(by_start[begin.tobytes()])
             if beside is None:
                 self.shown(ends)
-            elif len(ends) == min(AGREEING, starts) and best_of(ends, 1)[0][1] >= least * (1 - DISTINCT):
+            elif len(ends) == min(AGREEING, starts) and distinct_best(ends, 1)[0][1] >= least * (1 - DISTINCT):
                 return beside
         self.tell("exchange", starts, starts)
-        candidates = best_of(ends, kept)
+        candidates = distinct_best(ends, kept)
         if np.isinf(candidates[0][1]) and (packed := fitting(region, n)) is not None:
             candidates = [polish(rough, region, packed, record=self.record)]
         if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
-            candidates = best_of([*candidates, *self.shaken(*candidates[0], shakes * starts, rng)], kept)
+            candidates = distinct_best([*candidates, *self.shaken(*candidates[0], shakes * starts, rng)], kept)
         judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
         rim = edge(region, FINE_EDGE)
         total = 2 * len(candidates)
         for done, (points, value) in enumerate(candidates):
             self.tell("polish", done, total)
             candidates[done] = self.relocated(points, value, judge, rim)
-        ends = self.finished(best_of(candidates, kept), "polish", total)
+        ends = self.finished(distinct_best(candidates, kept), "polish", total)
         return Optimum(*min(ends, key=lambda end: end[1]))
 
     def shaken(self, points: Array, value: float, times: int, rng: np.random.Generator) -> list[Ranked]:
@@ -432,7 +432,7 @@ class Stages:
                 ends.append((end, better))
                 if better < value * (1 - GAIN):
                     points, value = end, better
-        for end, _ in best_of(ends, KEPT_OF_MANY):
+        for end, _ in distinct_best(ends, KEPT_OF_MANY):
             points, value = self.polished(end)
             if value < optimum.value * (1 - GAIN) and self.holds(points):
                 optimum = Optimum(points, value)
@@ -492,7 +492,7 @@ def _touching(points: Array, rim: Array, spacing: float) -> Array:
     return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
 
 
-def best_of(candidates: list[Ranked], count: int = KEPT) -> list[Ranked]:
+def distinct_best(candidates: list[Ranked], count: int = KEPT) -> list[Ranked]:
     """Select the best few distinct layouts, best first.
 
     Layouts of one value may well differ: few poses cannot tell which of them is best for all.

@@ -20,7 +20,7 @@ from markergen.objectives.criteria import Criteria
 from markergen.optimize.dot_size import DotSize
 
 
-def number(points: Array) -> Array:
+def numbered(points: Array) -> Array:
     """Sort control points (n, 2 or 3) for labeling: counterclockwise from straight up, those at the center last."""
     radius = np.hypot(points[:, 0], points[:, 1])
     central = radius < 1e-3 * radius.max()

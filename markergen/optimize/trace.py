@@ -183,13 +183,13 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         figure = Figure(figsize=(7, 4.5), layout="constrained")
-        plot(trace, figure.add_subplot(), objective)
+        plot_trace(trace, figure.add_subplot(), objective)
         data = io.BytesIO()
         figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
         return data.getvalue()
 
 
-def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Axes":
+def plot_trace(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Axes":
     """Plot objective, c(A) and predicted errors over the steps, each in units of its last value, and the stages."""
     steps = [step.step for step in trace]
     last = trace[-1]

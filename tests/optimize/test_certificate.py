@@ -16,7 +16,7 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize import certificate
 from markergen.optimize.certificate import certify
-from markergen.optimize.constellations import Block, nested, pad_problem
+from markergen.optimize.constellations import Block, nested_scales, pad_problem
 from markergen.optimize.design import design
 from markergen.optimize.layouts import lattice
 from markergen.optimize.problem import FeasibleRegion, fewer
@@ -293,7 +293,7 @@ def plates():
 def pad():
     spec = Spec(boundary=Circle(0.1), poses="cone:distance=0.15..1.5,tilt=0..50,count=40", noise_model="image")
     poses = named_poses(spec.poses)
-    return pad_problem(spec, poses), nested(spec, poses)
+    return pad_problem(spec, poses), nested_scales(spec, poses)
 
 
 def moved(block, points):

@@ -14,7 +14,7 @@ from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.design import design, upright
 from markergen.optimize.dot_size import choose_dots, wanted_diameter
 from markergen.optimize.problem import FeasibleRegion, breach
-from markergen.optimize.to_marker import members, number
+from markergen.optimize.to_marker import members, numbered
 
 FEW = "cone:distance=0.6..1.5m,tilt=0..60,count=20"
 
@@ -97,13 +97,13 @@ def test_turning_upright_costs_nothing_and_numbers_run_round(setting):
     objective, region = OBJECTIVES["pose"](setting), FeasibleRegion(Circle(0.15))
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    points = number(upright(regular_polygon(5, 0.15) @ turn.T, objective, region))
+    points = numbered(upright(regular_polygon(5, 0.15) @ turn.T, objective, region))
     np.testing.assert_allclose(points, regular_polygon(5, 0.15), atol=1e-9)
 
 
 def test_a_dot_at_the_center_comes_last():
     points = np.concatenate([np.zeros((1, 2)), regular_polygon(5, 1.0)])
-    np.testing.assert_array_equal(number(points)[-1], [0, 0])
+    np.testing.assert_array_equal(numbered(points)[-1], [0, 0])
 
 
 @pytest.mark.long

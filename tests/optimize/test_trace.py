@@ -9,7 +9,7 @@ from markergen.errors import InputError, OutputError
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.optimize.problem import FeasibleRegion
-from markergen.optimize.trace import Recorder, Step, Watcher, check_trace_path, plot, trace_bytes, trace_of
+from markergen.optimize.trace import Recorder, Step, Watcher, check_trace_path, plot_trace, trace_bytes, trace_of
 
 
 def shrinking(count=5, n=5):
@@ -96,7 +96,7 @@ def test_the_plot_shows_everything_and_leaves_gaps(setting):
     trace = [Step(0, "start", np.inf, np.inf, np.inf, np.inf), *steps(OBJECTIVES["pose"](setting))]
     trace = [Step(i, *list(vars(each).values())[1:]) for i, each in enumerate(trace)]
     ax = Figure().add_subplot()
-    assert plot(trace, ax, "pose, m") is ax
+    assert plot_trace(trace, ax, "pose, m") is ax
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert [label.split(":")[0] for label in labels] == ["pose, m", "c(A)", "rotation", "translation"]
     assert f"{trace[-1].rotation_deg:.4g} deg" in labels[2]

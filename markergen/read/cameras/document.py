@@ -262,7 +262,7 @@ class Fields:
     def _keys(self) -> dict[str, list[str]]:
         keys: dict[str, list[str]] = {}
         for key in self.values:
-            for name in names_of(self.names.get(key, key)):
+            for name in endings_of(self.names.get(key, key)):
                 keys.setdefault(name, []).append(key)
         return keys
 
@@ -296,7 +296,7 @@ def tables_in(value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
             yield str(item[0]), item[1]
 
 
-def names_of(place: str) -> list[str]:
+def endings_of(place: str) -> list[str]:
     """Return the names by which a place such as camera.distortion.model is found: its last one, two and three words."""
     words = [_UNIT.sub("", word) for word in place.split(".")[-3:]]
     names = [plain("".join(words[i:])) for i in range(len(words)) if len("".join(words[i:])) <= _LONGEST_KEY]

@@ -40,7 +40,7 @@ from markergen.read.cameras.document import (
     Document,
     Fields,
     document_of,
-    names_of,
+    endings_of,
     nested,
     opencv_matrix,
     plain,
@@ -436,7 +436,7 @@ def _search(node: Mapping[str, Any], way: tuple[str, ...], visited: set[int]) ->
         grouped = {place for camera in groups for place in camera.values}
         scalars = {key: value for key, value in node.items() if not isinstance(value, dict)}
         leaves = [(place, value) for place, value in _leaves(scalars, way) if place not in grouped]
-        around = {place: value for place, value in leaves if _ABOUT.search(place) or KNOWN & {*names_of(place)}}
+        around = {place: value for place, value in leaves if _ABOUT.search(place) or KNOWN & {*endings_of(place)}}
         for camera in inner:
             camera.values |= around
     return inner
@@ -463,7 +463,7 @@ def _items(node: Mapping[str, Any], cameras: Sequence[Any], index: int, way: tup
 
 def _is_camera(node: Mapping[str, Any], parent: tuple[str, ...]) -> bool:
     """True for a table with a matrix or focal lengths, or one that lacks them beside a size and coefficients."""
-    keys = {name: value for key, value in node.items() for name in names_of(".".join((*parent, key)))}
+    keys = {name: value for key, value in node.items() for name in endings_of(".".join((*parent, key)))}
 
     def has(*kinds: str) -> bool:
         return any(
@@ -513,7 +513,7 @@ def camera_table(document: Document, choice: str | None) -> Fields:
 
 def _numbers(table: Fields) -> str:
     """All that is known of a camera, to compare it: nerf may repeat one for every image."""
-    names = ((names_of(table.names.get(place, place))[-1], value) for place, value in table.values.items())
+    names = ((endings_of(table.names.get(place, place))[-1], value) for place, value in table.values.items())
     return repr(sorted((name, str(value)) for name, value in names if name in KNOWN))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import KEYS, NAMED, Document, Fields, names_of, plain, tables_in
+from markergen.read.cameras.document import KEYS, NAMED, Document, Fields, endings_of, plain, tables_in
 from markergen.read.remarks import remark_unused
 
 BY_COUNT, ANY = "by count", "any"
@@ -152,7 +152,7 @@ def _lens_at(table: Fields, key: str, value: Any, unknown: list[tuple[str, str]]
     """Return the lens that a key names; names that are not known are added to `unknown`."""
     about, is_label = ABOUT_LENS.search(key) is not None, LABEL.search(_last(key)) is not None
     is_fisheye = re.search(r"fish_?eye", key, re.IGNORECASE) is not None
-    if is_fisheye and TERMS.intersection(names_of(key)):
+    if is_fisheye and TERMS.intersection(endings_of(key)):
         return "equidistant"
     if not isinstance(value, str | bool | int | float) or (is_label and not about):
         return None

@@ -272,7 +272,7 @@ def marker_in_camera(numbers: Array, frame: str, axes: str, camera_in_body: Arra
     return np.round(np.concatenate([translation, rotation.as_quat(canonical=True)], axis=-1), 12) + 0.0
 
 
-def frame_of(names: list[str]) -> str:
+def frame_of_columns(names: list[str]) -> str:
     """Return the frame of poses with these columns; poses over time may be those of a camera, a body or a marker."""
     open_names = any(is_body(name) or ASKED_COLUMN.fullmatch(name.strip().lower()) for name in names)
     return ASKED if open_names or "time" in (column_of(name).kind for name in names) else MARKER_IN_CAMERA

@@ -17,7 +17,14 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.model.recorded_poses import COLUMNS
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.conventions import ASKED, CAMERA_IN_MARKER, RawPoses, camera_in_marker, frame_of, stated
+from markergen.read.poses.conventions import (
+    ASKED,
+    CAMERA_IN_MARKER,
+    RawPoses,
+    camera_in_marker,
+    frame_of_columns,
+    stated,
+)
 from markergen.read.poses.rows import MATRIX_COLUMNS, ROTATIONS, WANTED, RowsFile, columns_of, records, table_poses
 from markergen.read.remarks import remark_unused
 
@@ -53,7 +60,7 @@ def _read(file: RowsFile) -> RawPoses:
         return RawPoses(numbers, CAMERA_IN_MARKER, "opengl")
     # A matrix alone may be the pose of anything in anything, unless its key says it.
     keys = [key for key in poses[0] if key not in flat[0]] if set(MATRIX_COLUMNS) <= set(names) else []
-    return RawPoses(numbers, stated(keys, file.name).get("frame", ASKED) if keys else frame_of(names))
+    return RawPoses(numbers, stated(keys, file.name).get("frame", ASKED) if keys else frame_of_columns(names))
 
 
 def _flat(pose: dict[str, Any]) -> dict[str, Any]:

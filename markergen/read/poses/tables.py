@@ -28,7 +28,7 @@ from markergen.read.poses.conventions import (
     MARKER_IN_CAMERA,
     RawPoses,
     camera_in_marker,
-    frame_of,
+    frame_of_columns,
     is_body,
 )
 from markergen.read.poses.rows import LONGEST_LINE, MATRIX_COLUMNS, WANTED, RowsFile, lines_of, table_poses
@@ -49,7 +49,7 @@ def _has_names(file: RowsFile) -> bool:
 def _named(file: RowsFile) -> RawPoses:
     table = file.table()
     line, names = next(table)
-    return RawPoses(table_poses(file, names, table, file.place(line)), frame_of(names))
+    return RawPoses(table_poses(file, names, table, file.place(line)), frame_of_columns(names))
 
 
 def _count(file: RowsFile) -> int:

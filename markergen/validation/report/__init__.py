@@ -37,7 +37,7 @@ from markergen.validation.report.subject import (
     Subject,
     advise,
     labeled,
-    noise_of,
+    noise_px,
     value_text,
 )
 from markergen.validation.sentences import (
@@ -431,7 +431,7 @@ def comparison(subject: Subject) -> Section:
                 f"RMS {name} bound: "
                 + ", ".join(f"{layout} {value_text(value)}" for layout, value in kept.items())
                 + ".",
-                f"Bound of the {name} error for noise of {noise_of(results):g} px, over all poses; shorter is better.",
+                f"Bound of the {name} error for noise of {noise_px(results):g} px, over all poses; shorter is better.",
                 _LOW,
             )
         )

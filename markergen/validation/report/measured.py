@@ -39,7 +39,7 @@ from markergen.validation.report.subject import (
     Results,
     Subject,
     labeled,
-    noise_of,
+    noise_px,
     pose_bins,
 )
 from markergen.validation.sentences import image_sentences, trial_sentences
@@ -58,7 +58,7 @@ def trials(subject: Subject) -> Section:
     if not estimators or not results.get("bound"):
         return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
     bound = subject.bound
-    noise = f"{noise_of(results):g} px"
+    noise = f"{noise_px(results):g} px"
     section = Section(
         [
             f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",

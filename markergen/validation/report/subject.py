@@ -131,7 +131,7 @@ class Subject:
     @cached_property
     def bound(self) -> Expected:
         """Bound for the noise of the trials."""
-        return bound(self.marker, self.setting, noise_of(self.results))
+        return bound(self.marker, self.setting, noise_px(self.results))
 
     @property
     def views(self) -> Results:
@@ -152,7 +152,7 @@ class Subject:
         return bound(self.marker, self.setting, pixels / np.sqrt(2)) if pixels else None
 
 
-def noise_of(results: Mapping[str, Any]) -> float:
+def noise_px(results: Mapping[str, Any]) -> float:
     """Noise in px that the bounds of a report assume."""
     return float(results.get("noise_px") or UNIT_NOISE_PX)
 
@@ -167,7 +167,7 @@ def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budge
         # JSON has no infinity.
         sampled = {key: np.array([np.inf if value is None else value for value in stated[key]]) for key in keys}
         return Expected(budget.total, setting.poses, source, sampled)
-    return bound(marker, setting, noise_of(results))
+    return bound(marker, setting, noise_px(results))
 
 
 def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
