@@ -229,6 +229,11 @@ class Objective(ABC):
         values, gradients = zip(*self._in_chunks(both, points), strict=True)
         return np.concatenate(values), np.concatenate(gradients)
 
+    def of_layouts(self, kept: NDArray[np.bool_]) -> "Objective":
+        """Objective of those layouts of a batch that are kept: this one, unless layouts have different poses."""
+        del kept
+        return self
+
     def reduced(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """Aggregated values (B,) of layouts (B, n, .), and their pullback: weights (B,) to weights times gradients."""
         per_pose, pullback = self.linearize(points, softness)

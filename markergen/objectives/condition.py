@@ -10,7 +10,7 @@ from autograd.extend import defvjp, primitive
 
 from markergen.arrays import Array
 from markergen.maths import dlt
-from markergen.maths.projection import to_camera
+from markergen.maths.projection import rotate_each, to_camera
 from markergen.objectives.base import OBJECTIVES, Criterion, Objective, Pullback, Setting
 
 condition_number: Callable[..., Array] = primitive(dlt.condition)
@@ -75,15 +75,19 @@ class ConditionObjective(Objective):
             self._shift = -camera.matrix[:2, 2] / self._stretch
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """See `Objective.linearize`."""
+        """See `Objective.linearize`; of layouts (B, P, n, 2), one for each pose, gradients have the same shape."""
         if self._normalizes:
             return self._linearize_hartley(points, softness)
         rotation = self.setting.poses.rotation
-        camera_points = to_camera(points, rotation, self.setting.poses.translation)
+        translation, one_each = self.setting.poses.translation, points.ndim == 4
+        if one_each:
+            camera_points = rotate_each(points, rotation) + translation[:, None]
+        else:
+            camera_points, points = to_camera(points, rotation, translation), points[:, None]
         depth = camera_points[..., 2:]
         normalized = camera_points[..., :2] / depth
         value, by_object, by_image = dlt.condition_and_gradient(
-            points[:, None] * self._object_scale, (normalized - self._shift) * self._stretch, softness
+            points * self._object_scale, (normalized - self._shift) * self._stretch, softness
         )
 
         def pullback(weights: Array) -> Array:
@@ -91,7 +95,8 @@ class ConditionObjective(Objective):
             lateral = by_image * self._stretch * scale / depth
             axial = -np.sum(lateral * normalized, axis=-1, keepdims=True)
             chained = np.concatenate([lateral, axial], axis=-1) @ rotation[:, :, :2]
-            return (chained + by_object * (self._object_scale * scale)).sum(axis=1)
+            gradient = chained + by_object * (self._object_scale * scale)
+            return gradient if one_each else gradient.sum(axis=1)
 
         return value, pullback
 
@@ -99,9 +104,10 @@ class ConditionObjective(Objective):
         rotation, translation = self.setting.poses.rotation, self.setting.poses.translation
 
         def values(layouts: Array) -> Array:
-            camera_points = anp.einsum("pij,bnj->bpni", rotation[:, :, :2], layouts) + translation[:, None, :]
+            layouts = layouts if layouts.ndim == 4 else layouts[:, None]
+            camera_points = layouts @ rotation[:, :, :2].swapaxes(-1, -2) + translation[:, None]
             image = camera_points[..., :2] / camera_points[..., 2:]
-            return condition_number(_hartley(layouts)[:, None], _hartley(image), softness)
+            return condition_number(_hartley(layouts), _hartley(image), softness)
 
         vjp, value = make_vjp(values, points)
         return value, vjp

@@ -581,6 +581,7 @@ def descend(
                 improving = ~(best_value >= reference * (1 - tolerance))
             layouts[alive], values[alive] = best, best_value
             alive, reference = alive[improving], best_value[improving]
+            objective = objective.of_layouts(improving)
             points, gradient, step, best, best_value = (
                 array[improving] for array in (points, gradient, step, best, best_value)
             )

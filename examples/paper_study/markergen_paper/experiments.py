@@ -1,31 +1,33 @@
 """Experiments, one for each kind of cell: their computation and resulting arrays."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.estimators import AnyEstimator
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import criteria, regular_polygon
+from markergen.optimize.polish import polish
 from markergen.optimize.problem import fewer
 from markergen.optimize.relief import ReliefRoom, search_relief
-from markergen.optimize.search import Descent, descend, search
+from markergen.optimize.search import descend, search
 from markergen.optimize.trace import Recorder
 from markergen.studies.cells import Cell, Result
+from markergen_paper.descents import descend_by_pose
 from markergen_paper.measurements import (
     ESTIMATORS_FLAT,
     ESTIMATORS_RELIEF,
     Kept,
     bound_ratios,
     conditions,
+    images_of,
     layout_trials,
+    one_by_one,
 )
 from markergen_paper.methods import Decomposition, FromDlt, FromPoor, FromTruth, Harker, OpenCv, PlainDlt
 from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, RECTANGLE, REGION, objective_for, poses_of
@@ -40,7 +42,7 @@ METHODS, LIMITS, SETTLING = "methods", "limits", "settling"
 BOUNDED = 10
 """Number of layouts per pose on which the bounds of the relative error are tested, once each."""
 
-FURTHER = ("dlt", "ippe", "lm", Harker(), OpenCv(), PlainDlt(), Decomposition(), FromDlt())
+FURTHER = ("dlt", "ippe", "lm", Harker(), OpenCv(), PlainDlt(), Decomposition(), FromDlt(), FromTruth, FromPoor)
 """Estimators compared beside the paper's three: names, or estimators of this study."""
 
 FRONTAL, POINTS = 0, 4
@@ -49,8 +51,11 @@ FRONTAL, POINTS = 0, 4
 FIRST_STEPS = 0.2
 """Share of a descent's steps that are its first ones."""
 
-GAINED = ("c", "homography_px", "rotation_deg")
-"""Quantities reduced by a descent: c(A), and the errors caused by 1 px of noise to first order."""
+ERRORS = {"homography_px": "homography", "rotation_deg": "rotation"}
+"""Errors reduced by a descent, caused by 1 px of noise to first order, and the objectives that they are."""
+
+GAINED = ("c", *ERRORS)
+"""Quantities reduced by a descent: c(A), and the errors."""
 
 STARTED_FROM, NEAR_BEST = 20, 0.02
 """Number of random starts, and the maximum relative excess over the best final value for a descent to be shown."""
@@ -59,7 +64,7 @@ RESTARTS, RELIEF_STARTS, RANDOM = 8, 4, 25
 """Number of random starts of a search over all poses, in the plane and in space, and of random layouts beside it."""
 
 FEW_RESTARTS = 2
-"""Number of random starts up to which a search that needs autograd is a descent alone."""
+"""Number of random starts up to which a search for c(A) is a descent, and one polish unless it needs autograd."""
 
 RELIEFS = {"relief-20": 0.02, "relief-50": 0.05}
 """Heights in m available to control points."""
@@ -84,44 +89,46 @@ def conditioned(cell: Cell) -> Result:
         ``metric.layouts`` (P, B, n, 2) the layouts in m, ``ill.upper.metric`` and ``.lower`` the ratios of
         `bound_ratios`.
     """
-    settings = cell.settings
-    poses = poses_of(settings["poses"])
-    parts = [
-        _one_pose(settings, poses.taken(np.array([i]), 0), _rng(cell, index))
-        for i, index in enumerate(settings["poses"])
-    ]
-    return {key: np.stack([part[key] for part in parts]) for key in parts[0]}
-
-
-def _one_pose(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> Kept:
-    n, starts = settings["n"], settings["starts"]
-    layouts = {"ill": REGION.sample(starts, n, rng)}
+    settings, rngs = cell.settings, _rngs(cell)
+    n, starts, poses = settings["n"], settings["starts"], poses_of(settings["poses"])
+    layouts = {"ill": _drawn(starts, n, rngs)}
     for name, count in settings["optimized"].items():
-        layouts[name] = descend(objective_for(name, pose), REGION, layouts["ill"][:count]).points
+        layouts[name] = descend_by_pose(name, poses, layouts["ill"][:, :count]).points
     # A fifth as many trials as the random layouts.
-    layouts["ngon"] = _polygons(n, max(2, starts // 5))
+    layouts["ngon"] = _polygons(n, (len(poses), max(2, starts // 5)))
     result: Kept = {}
     for name, batch in layouts.items():
-        kept = layout_trials(batch, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng)
+        kept = layout_trials(batch, poses, PAPER_CAMERA, settings["noise_px"], settings["runs"], rngs)
         result |= {f"{name}.{key}": value for key, value in kept.items()}
         for coordinates in COORDINATES:
-            c = conditions(coordinates, batch, pose, PAPER_CAMERA)
+            c = conditions(coordinates, batch, poses, PAPER_CAMERA)
             result[f"{name}.c.{coordinates}"] = c.astype(np.float32)
         if name != "ngon":
             result[f"{name}.layouts"] = batch.astype(np.float32)
-        result |= _bounds(name, batch[:BOUNDED], pose, settings["noise_px"], rng)
+        result |= _bounds(name, batch[:, :BOUNDED], poses, settings["noise_px"], rngs)
     return result
 
 
-def _bounds(name: str, layouts: Array, pose: PoseDistribution, noise_px: float, rng: np.random.Generator) -> Kept:
-    exact = PAPER_CAMERA.project(layouts, pose.rotation, pose.translation)[:, 0]
-    noisy = exact + noise_px * rng.standard_normal(exact.shape)
+def _bounds(
+    name: str, layouts: Array, poses: PoseDistribution, noise_px: float, rngs: Sequence[np.random.Generator]
+) -> Kept:
+    exact = images_of(layouts, poses, PAPER_CAMERA)
+    noisy = exact + noise_px * np.stack([rng.standard_normal(exact.shape[1:]) for rng in rngs])
     result: Kept = {}
     for coordinates in COORDINATES:
-        upper, lower = bound_ratios(coordinates, layouts, exact, noisy, pose, PAPER_CAMERA)
+        upper, lower = bound_ratios(coordinates, layouts, exact, noisy, poses, PAPER_CAMERA)
         result[f"{name}.upper.{coordinates}"] = upper.astype(np.float32)
         result[f"{name}.lower.{coordinates}"] = lower.astype(np.float32)
     return result
+
+
+def _drawn(count: int, n: int, rngs: Sequence[np.random.Generator]) -> Array:
+    """Random layouts (P, count, n, 2) in the disk, those of a pose by its generator."""
+    return np.stack([REGION.sample(count, n, rng) for rng in rngs])
+
+
+def _rngs(cell: Cell) -> list[np.random.Generator]:
+    return [_rng(cell, index) for index in cell.settings["poses"]]
 
 
 def _rng(cell: Cell, pose: int) -> np.random.Generator:
@@ -129,10 +136,10 @@ def _rng(cell: Cell, pose: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(pose,)))
 
 
-def _polygons(n: int, count: int) -> Array:
-    """Copies (count, n, 2) of the regular polygon; the paper's square has its corners at 45 degrees."""
+def _polygons(n: int, shape: tuple[int, int]) -> Array:
+    """Copies (*shape, n, 2) of the regular polygon; the paper's square has its corners at 45 degrees."""
     ngon = regular_polygon(n, BOUNDARY.radius) @ _turn(np.pi / 4 if n == 4 else 0.0)
-    return np.broadcast_to(ngon, (count, n, 2))
+    return np.broadcast_to(ngon, (*shape, n, 2))
 
 
 def _turn(angle: float) -> Array:
@@ -150,29 +157,18 @@ def methods(cell: Cell) -> Result:
         Named as those of `conditioned`, with the sets ``ill``, ``metric`` and ``ngon``, the estimators `FURTHER`, and
         LM from the true pose and from poor ones.
     """
-    settings = cell.settings
-    poses = poses_of(settings["poses"])
-    rows = [
-        _one_pose_by_all(settings, poses.taken(np.array([i]), 0), _rng(cell, index))
-        for i, index in enumerate(settings["poses"])
-    ]
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
-
-
-def _one_pose_by_all(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> Kept:
-    n, starts = settings["n"], settings["starts"]
-    truth = (pose.rotation[0], pose.translation[0])
-    ill = REGION.sample(starts, n, rng)
-    layouts = {"ill": ill, "metric": descend(objective_for("metric", pose), REGION, ill).points}
-    layouts["ngon"] = _polygons(n, starts)
+    settings, rngs = cell.settings, _rngs(cell)
+    n, starts, poses = settings["n"], settings["starts"], poses_of(settings["poses"])
+    ill = _drawn(starts, n, rngs)
+    layouts = {"ill": ill, "metric": descend_by_pose("metric", poses, ill).points}
+    layouts["ngon"] = _polygons(n, (len(poses), starts))
     # One batch for all: Levenberg-Marquardt takes as many steps as its slowest trial.
-    together = np.concatenate(list(layouts.values()))
-    estimators: list[str | AnyEstimator] = [*FURTHER, FromTruth(*truth), FromPoor(*truth)]
-    kept = layout_trials(together, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng, estimators)
+    together = np.concatenate(list(layouts.values()), axis=1)
+    kept = layout_trials(together, poses, PAPER_CAMERA, settings["noise_px"], settings["runs"], rngs, FURTHER)
     result: Kept = {"metric.layouts": layouts["metric"].astype(np.float32)}
     for i, name in enumerate(layouts):
         part = slice(i * starts, (i + 1) * starts)
-        result |= {f"{name}.{key}": value[part] for key, value in kept.items()}
+        result |= {f"{name}.{key}": value[:, part] for key, value in kept.items()}
     return result
 
 
@@ -188,16 +184,17 @@ def limits(cell: Cell) -> Result:
         starts in m; and those of the ``rectangle``.
     """
     settings, rng = cell.settings, cell.rng
-    poses = poses_of(settings["poses"])
-    result: dict[str, list[Array]] = defaultdict(list)
-    for i in range(len(poses)):
-        objective = objective_for("metric", poses.taken(np.array([i]), 0))
-        for name, region in (("disk", REGION), ("rectangle", RECTANGLE)):
-            starts = region.sample(settings["starts"], settings["n"], rng)
-            descents = descend(objective, region, starts)
-            result[f"{name}.c"].append(descents.values)
-            result[f"{name}.moved"].append(np.linalg.norm(descents.points - starts, axis=-1).mean(axis=-1))
-    return {key: np.stack(rows) for key, rows in result.items()}
+    poses, regions = poses_of(settings["poses"]), {"disk": REGION, "rectangle": RECTANGLE}
+    drawn = [
+        [region.sample(settings["starts"], settings["n"], rng) for region in regions.values()]
+        for _ in range(len(poses))
+    ]
+    result: Result = {}
+    for (name, region), starts in zip(regions.items(), np.stack(drawn, axis=1), strict=True):
+        descents = descend_by_pose("metric", poses, starts, region=region)
+        result[f"{name}.c"] = descents.values
+        result[f"{name}.moved"] = np.linalg.norm(descents.points - starts, axis=-1).mean(axis=-1)
+    return result
 
 
 def settling(cell: Cell) -> Result:
@@ -211,13 +208,11 @@ def settling(cell: Cell) -> Result:
         c(A) in metric coordinates, by the names in `ROUTINES`.
     """
     settings = cell.settings
-    rows: dict[str, list[Array]] = defaultdict(list)
-    for i, index in enumerate(settings["poses"]):
-        objective = objective_for("metric", poses_of(settings["poses"]).taken(np.array([i]), 0))
-        starts = REGION.sample(settings["starts"], settings["n"], _rng(cell, index))
-        for name, routine in ROUTINES.items():
-            rows[name].append(routine(objective, starts=starts).values)
-    return {name: np.stack(ends).astype(np.float32) for name, ends in rows.items()}
+    poses, starts = poses_of(settings["poses"]), _drawn(settings["starts"], settings["n"], _rngs(cell))
+    return {
+        name: descend_by_pose("metric", poses, starts, **options).values.astype(np.float32)
+        for name, options in ROUTINES.items()
+    }
 
 
 def descent(cell: Cell) -> Result:
@@ -238,15 +233,15 @@ def descent(cell: Cell) -> Result:
     descents = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
     # A start that ends in the best optimum, like the paper's, and is neither near it nor degenerate.
     good = np.flatnonzero(descents.values <= descents.values.min() * (1 + NEAR_BEST))
-    begun = conditions("metric", starts[good], pose, camera)
+    begun = conditions("metric", starts[None, good], pose, camera)[0]
     chosen = good[np.argsort(begun, kind="stable")[len(good) // 2]]
     layouts = np.stack([layout for _, layout in recorder.way(descents.points[chosen])])
     square = regular_polygon(POINTS, BOUNDARY.radius)[None] @ np.array([[1, 1], [-1, 1]]) / np.sqrt(2)
     result: Result = {"layouts": layouts}
     for before, batch in (("", layouts), ("square.", square)):
-        kept = layout_trials(batch, pose, camera, settings["noise_px"], settings["runs"], rng)
-        result |= {before + key: value for key, value in kept.items()}
-        result |= {f"{before}c.{name}": conditions(name, batch, pose, camera) for name in COORDINATES}
+        kept = layout_trials(batch[None], pose, camera, settings["noise_px"], settings["runs"], [rng])
+        result |= {before + key: value[0] for key, value in kept.items()}
+        result |= {f"{before}c.{name}": conditions(name, batch[None], pose, camera)[0] for name in COORDINATES}
     return result
 
 
@@ -263,30 +258,22 @@ def early(cell: Cell) -> Result:
     """
     settings, rng = cell.settings, cell.rng
     poses = poses_of(settings["poses"])
-    rows = [_shares(settings, poses.taken(np.array([i]), 0), rng) for i in range(len(poses))]
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
-
-
-def _shares(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> dict[str, Array]:
-    objective = objective_for(settings["coordinates"], pose)
-    setting: Setting = objective.setting
-    measures = {
-        "c": objective,
-        "homography_px": OBJECTIVES["homography"](setting),
-        "rotation_deg": OBJECTIVES["rotation"](setting),
-    }
     recorder = Recorder()
-    descents = descend(objective, REGION, REGION.sample(settings["starts"], settings["n"], rng), record=recorder)
-    shares: dict[str, list[float]] = {key: [] for key in ("steps", *GAINED)}
-    for points in descents.points:
-        way = np.stack([layout for _, layout in recorder.way(points)])
-        shares["steps"].append(len(way) - 1)
-        taken = round(FIRST_STEPS * (len(way) - 1))
-        for key, measure in measures.items():
-            first, then, last = np.log(measure(way[[0, taken, -1]]))
-            gained = np.isfinite([first, then, last]).all() and first > last
-            shares[key].append((first - then) / (first - last) if gained else np.nan)
-    return {key: np.array(values) for key, values in shares.items()}
+    starts = _drawn(settings["starts"], settings["n"], [rng] * len(poses))
+    descents = descend_by_pose(settings["coordinates"], poses, starts, record=recorder)
+    shares: dict[str, list[Array]] = defaultdict(list)
+    for ends, pose in zip(descents.points, one_by_one(poses), strict=True):
+        ways = [np.stack([layout for _, layout in recorder.way(points)]) for points in ends]
+        shares["steps"].append(np.array([len(way) - 1 for way in ways]))
+        moments = np.stack([way[[0, round(FIRST_STEPS * (len(way) - 1)), -1]] for way in ways])
+        objective = objective_for(settings["coordinates"], pose)
+        measures = {key: OBJECTIVES[name](objective.setting) for key, name in ERRORS.items()}
+        for key, measure in {"c": objective, **measures}.items():
+            first, then, last = np.log(measure(moments.reshape(-1, *moments.shape[2:]))).reshape(len(ways), 3).T
+            gained = np.isfinite(first) & np.isfinite(then) & np.isfinite(last) & (first > last)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                shares[key].append(np.where(gained, (first - then) / (first - last), np.nan))
+    return {key: np.stack(rows) for key, rows in shares.items()}
 
 
 def joint(cell: Cell) -> Result:
@@ -305,22 +292,13 @@ def joint(cell: Cell) -> Result:
     poses = poses_of(settings["poses"])
     layouts = layouts_of(settings["layout"], settings["n"], settings["poses"], rng, settings.get("restarts"))
     estimators = ESTIMATORS_RELIEF if layouts.shape[-1] == 3 else ESTIMATORS_FLAT
-    rows = [
-        layout_trials(
-            layouts,
-            poses.taken(np.array([i]), 0),
-            PAPER_CAMERA,
-            settings["noise_px"],
-            settings["runs"],
-            rng,
-            estimators,
-        )
-        for i in range(len(poses))
-    ]
+    at_poses = np.broadcast_to(layouts, (len(poses), *layouts.shape))
+    rngs = [rng] * len(poses)
+    kept = layout_trials(at_poses, poses, PAPER_CAMERA, settings["noise_px"], settings["runs"], rngs, estimators)
     table = criteria(layouts, Setting(BOUNDARY, PAPER_CAMERA, poses))
     return {
         "layouts": layouts,
-        **{key: np.stack([row[key] for row in rows]) for key in rows[0]},
+        **kept,
         **{key: np.array([row[key] for row in table]) for key in table[0]},
     }
 
@@ -338,6 +316,11 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, 
         if restarts and restarts <= FEW_RESTARTS:
             # A quick look does not find how degenerate it is.
             return descend(objective_for(name, poses), REGION, REGION.sample(1, n, rng)).points
+    if name in COORDINATES and restarts and restarts <= FEW_RESTARTS:
+        # Most of a search is polishes: a quick look has as many starts as the whole study, and polishes the best end.
+        objective = objective_for(name, poses)
+        ends = descend(objective, REGION, REGION.sample(RESTARTS, n, rng))
+        return polish(objective, REGION, ends.points[np.argmin(ends.values)])[0][None]
     if name not in RELIEFS:
         return search(objective_for(name, poses), REGION, n, rng, restarts or RESTARTS).points[None]
     # Bare points stand on pillars of zero width, which hide nothing.
@@ -349,11 +332,11 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, 
     ]
 
 
-ROUTINES: dict[str, Callable[..., Descent]] = {
-    **{f"as published, {steps} steps": partial(supersab, region=REGION, steps=steps) for steps in (150, 700)},
-    "ours, until it gains nothing": partial(descend, region=REGION),
+ROUTINES: dict[str, dict[str, Any]] = {
+    **{f"as published, {steps} steps": {"routine": supersab, "steps": steps} for steps in (150, 700)},
+    "ours, until it gains nothing": {},
 }
-"""Descents and their stopping rules."""
+"""Descents and their stopping rules: options of `descend_by_pose`."""
 
 _WORK: dict[str, Callable[[Cell], Result]] = {
     CONDITIONED: conditioned,

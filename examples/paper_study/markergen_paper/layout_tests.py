@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from markergen.maths.information import rotation_bound
 from markergen.model.camera import PAPER_CAMERA
 from markergen.objectives.pose import PoseObjective
+from markergen_paper.measurements import images_of
 from markergen_paper.options import COORDINATES, NOISE_PX, NUMBERS, QUIET_PX, objective_for, poses_of
 from markergen_paper.results import (
     SQUARE_LIKE,
@@ -147,10 +148,7 @@ def _apart(study: PaperResults, what: str, points_of: Callable[[PoseLayouts, str
 
 def _images(table: PoseLayouts, kind: str) -> Array:
     """Images (P, B, n, 2) in px of the layouts of a kind, each under its pose."""
-    poses = poses_of(table.poses.tolist())
-    layouts = table[f"{kind}.layouts"].astype(float)
-    views = zip(layouts, poses.rotation[:, None], poses.translation[:, None], strict=True)
-    return np.stack([PAPER_CAMERA.project(*view)[:, 0] for view in views])
+    return images_of(table[f"{kind}.layouts"].astype(float), poses_of(table.poses.tolist()), PAPER_CAMERA)
 
 
 def symmetric(study: PaperResults) -> Iterator[ClaimTest]:

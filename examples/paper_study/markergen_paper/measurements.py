@@ -1,8 +1,9 @@
-"""Measurements of layouts under one pose: errors of noisy trials, c(A), and the paper's bounds.
+"""Measurements of layouts, each under one pose: errors of noisy trials, c(A), and the paper's bounds.
 
-All layouts of a pose are measured in one batch.
+Layouts of several poses are measured in one batch.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -26,12 +27,13 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.trials import LEAST_DEPTH
+from markergen_paper.methods import FromTruth
 from markergen_paper.options import BOUNDARY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Kept = dict[str, NDArray[np.float32]]
-"""By estimator, measure and statistic, as in ``lm.rotation_deg.mean``: arrays (B,), one value for each layout."""
+"""By estimator, measure and statistic, as in ``lm.rotation_deg.mean``: arrays (P, B), one value for each layout."""
 
 ESTIMATORS_FLAT = ("dlt", "epnp", "ippe", "lm")
 ESTIMATORS_RELIEF = ("epnp", "sqpnp", "lm")
@@ -45,76 +47,99 @@ BLOCK = 4000
 
 def layout_trials(
     layouts: Array,
-    pose: PoseDistribution,
+    poses: PoseDistribution,
     camera: mg.Camera,
     noise_px: float,
     runs: int,
-    rng: np.random.Generator,
-    estimators: Sequence[str | AnyEstimator] = ESTIMATORS_FLAT,
+    rngs: Sequence[np.random.Generator],
+    estimators: Sequence[str | AnyEstimator | type[FromTruth]] = ESTIMATORS_FLAT,
 ) -> Kept:
     """Mean and standard deviation of every error over the noisy runs of each layout; failures are only counted.
 
     Parameters
     ----------
-    layouts : array (B, n, 2 or 3), m
-    pose : PoseDistribution
-        A single pose.
+    layouts : array (P, B, n, 2 or 3), m
+        B layouts for each of P poses.
     noise_px : float
         Standard deviation of the noise on every image coordinate.
     runs : int
         Noisy runs of each layout.
-    estimators : sequence of str or estimator
-        Names in the table of estimators, or others.
+    rngs : sequence of P generators
+        They draw the noise, pose by pose.
+    estimators : sequence of str, estimator or class
+        Names in the table of estimators, or others; a class is an estimator that starts at the true pose.
 
     Returns
     -------
-    dict of arrays (B,)
+    dict of arrays (P, B)
         ``dlt.he_px2.mean``, ``lm.rotation_deg.std``, ``lm.failed`` (share of the runs), ``lm.flipped`` and so on; nan
         if no run succeeded.
     """
-    solvers = [ESTIMATORS[name] if isinstance(name, str) else name for name in estimators]
-    exact = camera.project(layouts, pose.rotation, pose.translation)[:, 0]
-    covariance = PoseObjective(Setting(BOUNDARY, camera, pose)).covariance(layouts)
-    with np.errstate(invalid="ignore"):
-        can_flip = flip_separation(pose.rotation, pose.translation, covariance)[:, 0] > FLIP_SEPARATION * noise_px
-    at_once = max(1, BLOCK // runs)
-    parts = []
-    for start in range(0, len(layouts), at_once):
-        block = slice(start, start + at_once)
-        images = exact[block, None] + noise_px * rng.standard_normal((len(exact[block]), runs, *exact.shape[1:]))
-        repeated = np.repeat(layouts[block], runs, axis=0)
-        batch = Correspondences(repeated, images.reshape(repeated.shape[0], *exact.shape[1:]), camera)
+    exact, can_flip = images_of(layouts, poses, camera), _can_flip(layouts, poses, camera, noise_px)
+    noise = np.stack([rng.standard_normal((layouts.shape[1], runs, *exact.shape[2:])) for rng in rngs])
+    kept: Kept = defaultdict(lambda: np.empty(layouts.shape[:2], dtype=np.float32))
+    for block in _blocks(len(layouts), layouts.shape[1], runs):
+        truth = poses.taken(np.arange(len(poses))[block[0]], 0)
+        images = exact[block][:, :, None] + noise_px * noise[block]
+        repeated = np.repeat(layouts[block].reshape(-1, *layouts.shape[2:]), runs, axis=0)
+        batch = Correspondences(repeated, images.reshape(len(repeated), *exact.shape[2:]), camera)
         flips = np.repeat(can_flip[block], runs)
-        parts.append(
-            {
-                f"{solver.name}.{key}": value
-                for solver in solvers
-                for key, value in _summary(batch, solver, pose, flips, runs).items()
-            }
-        )
-    return {key: np.concatenate([part[key] for part in parts]).astype(np.float32) for key in parts[0]}
+        for solver in (_solver(estimator, truth) for estimator in estimators):
+            for key, value in _summary(batch, solver, truth, flips, runs).items():
+                kept[f"{solver.name}.{key}"][block] = value.reshape(layouts[block].shape[:2])
+    return dict(kept)
 
 
-def stack(parts: Sequence[Kept], name: str) -> Kept:
-    """Stack results of `layout_trials` for P poses to arrays (P, B), with a prefix to their names."""
-    return {f"{name}.{key}": np.stack([part[key] for part in parts]) for key in parts[0]}
+def _blocks(poses: int, layouts: int, runs: int) -> list[tuple[slice, slice]]:
+    """Poses and layouts of at most `BLOCK` trials each: whole poses where they fit."""
+    at_once = max(1, BLOCK // runs)
+    if layouts <= at_once:
+        together = at_once // layouts
+        return [(slice(pose, pose + together), slice(None)) for pose in range(0, poses, together)]
+    starts = range(0, layouts, at_once)
+    return [(slice(pose, pose + 1), slice(start, start + at_once)) for pose in range(poses) for start in starts]
 
 
-def written(coordinates: str, points: Array, pixels: Array, pose: PoseDistribution, camera: mg.Camera) -> list[Array]:
-    """Object points and one or more sets of image points (B, n, 2) in some coordinates (see `ConditionObjective`).
+def _solver(estimator: str | AnyEstimator | type[FromTruth], truth: PoseDistribution) -> AnyEstimator:
+    if isinstance(estimator, str):
+        return ESTIMATORS[estimator]
+    return estimator(truth.rotation, truth.translation) if isinstance(estimator, type) else estimator
+
+
+def _can_flip(layouts: Array, poses: PoseDistribution, camera: mg.Camera, noise_px: float) -> Mask:
+    """Layouts (P, B) with which an estimate nearer to the mirrored pose counts as a flip."""
+    separations = []
+    for layout, pose in zip(layouts, one_by_one(poses), strict=True):
+        covariance = PoseObjective(Setting(BOUNDARY, camera, pose)).covariance(layout)
+        with np.errstate(invalid="ignore"):
+            separations.append(flip_separation(pose.rotation, pose.translation, covariance)[:, 0])
+    return np.stack(separations) > FLIP_SEPARATION * noise_px
+
+
+def one_by_one(poses: PoseDistribution) -> Iterator[PoseDistribution]:
+    """Distributions of one pose each."""
+    return (poses.taken(np.array([index]), 0) for index in range(len(poses)))
+
+
+def images_of(layouts: Array, poses: PoseDistribution, camera: mg.Camera) -> Array:
+    """Images (P, B, n, 2) in px of layouts (P, B, n, 2 or 3) in m, the B of each pose under that pose alone."""
+    views = zip(layouts, poses.rotation[:, None], poses.translation[:, None], strict=True)
+    return np.stack([camera.project(*view)[:, 0] for view in views])
+
+
+def written(coordinates: str, points: Array, pixels: Array, poses: PoseDistribution, camera: mg.Camera) -> list[Array]:
+    """Object points and one or more sets of image points (P, B, n, 2) in some coordinates (see `ConditionObjective`).
 
     Parameters
     ----------
-    points : array (B, n, 2), m
-    pixels : array (k, B, n, 2), px
+    points : array (P, B, n, 2), m
+    pixels : array (k, P, B, n, 2), px
         The first set is exact: ``hartley`` normalizes all sets by it, because two matrices are comparable only in the
         same coordinates.
-    pose : PoseDistribution
-        A single pose.
 
     Returns
     -------
-    list of arrays (B, n, 2)
+    list of arrays (P, B, n, 2)
         Object points, then the k sets of image points.
     """
     if coordinates == "pixel":
@@ -123,54 +148,58 @@ def written(coordinates: str, points: Array, pixels: Array, pose: PoseDistributi
     if coordinates == "metric":
         return [points, *normalized]
     if coordinates == "unit":
-        x, y, z = pose.translation[0]
-        return [points / BOUNDARY.radius, *((normalized - np.array([x, y]) / z) * z / BOUNDARY.radius)]
+        lateral, depth = np.split(poses.translation[:, None, None], [2], axis=-1)
+        return [points / BOUNDARY.radius, *((normalized - lateral / depth) * depth / BOUNDARY.radius)]
     center, scale = normalization(points)
     image_center, image_scale = normalization(normalized[0])
     return [(points - center) * scale, *((normalized - image_center) * image_scale)]
 
 
-def conditions(coordinates: str, points: Array, pose: PoseDistribution, camera: mg.Camera) -> Array:
-    """c(A), shape (B,), of layouts (B, n, 2) under one pose; inf if it is undefined."""
-    pixels = camera.project(points, pose.rotation, pose.translation)[:, 0]
-    objects, images = written(coordinates, points, pixels[None], pose, camera)
+def conditions(coordinates: str, points: Array, poses: PoseDistribution, camera: mg.Camera) -> Array:
+    """c(A), shape (P, B), of layouts (P, B, n, 2), the B of each pose under that pose alone; inf if it is undefined."""
+    objects, images = written(coordinates, points, images_of(points, poses, camera)[None], poses, camera)
     return condition(objects, images)
 
 
 def bound_ratios(
-    coordinates: str, points: Array, exact: Array, noisy: Array, pose: PoseDistribution, camera: mg.Camera
+    coordinates: str, points: Array, exact: Array, noisy: Array, poses: PoseDistribution, camera: mg.Camera
 ) -> tuple[Array, Array]:
-    """Relative error of the DLT's h (B,) over the paper's upper bound, and the paper's lower bound over that error.
+    """Relative error of the DLT's h (P, B) over the paper's upper bound, and the paper's lower bound over that error.
 
     See `relative_error_bounds`; a ratio above 1 violates a bound.
 
     Parameters
     ----------
-    points : array (B, n, 2), m
-    exact, noisy : arrays (B, n, 2), px
+    points : array (P, B, n, 2), m
+    exact, noisy : arrays (P, B, n, 2), px
     """
-    objects, clean, noised = written(coordinates, points, np.stack([exact, noisy]), pose, camera)
+    objects, clean, noised = written(coordinates, points, np.stack([exact, noisy]), poses, camera)
     error, lower, upper = relative_error_bounds(objects, clean, noised)
     return error / upper, lower / error
 
 
 def _summary(
-    batch: Correspondences, estimator: AnyEstimator, pose: PoseDistribution, can_flip: Mask, runs: int
+    batch: Correspondences, estimator: AnyEstimator, poses: PoseDistribution, can_flip: Mask, runs: int
 ) -> dict[str, Array]:
-    """Statistics of an estimator's trials: arrays (B,) from those (B * runs,) of the batch."""
+    """Statistics of an estimator's trials: arrays (B,) from those (B * runs,) of the batch, as many of each pose."""
+    trials = len(batch.image_points) // len(poses)
     values: dict[str, Array] = {}
     if isinstance(estimator, PoseEstimator):
         rotation, translation = batch.once(estimator).best
-        te_pct = translation_error_pct(translation, pose.translation[0])
+        true_rotation, true_translation = (
+            np.repeat(truth, trials, axis=0) for truth in (poses.rotation, poses.translation)
+        )
+        te_pct = translation_error_pct(translation, true_translation)
         depth = (rotated(batch.xyz, rotation) + translation[:, None])[..., 2]
         # Comparisons with nan are false, so non-finite estimates also count as failed.
         kept = np.all(depth > 0, axis=-1) & (te_pct <= 100)
-        flips = kept & can_flip & flipped(rotation, pose.rotation[0], pose.translation[0])
+        flips = kept & can_flip & flipped(rotation, true_rotation, true_translation)
         values["flipped"] = flips.reshape(-1, runs).mean(axis=1)
-        errors = {"rotation_deg": rotation_error_deg(rotation, pose.rotation[0]), "translation_pct": te_pct}
+        errors = {"rotation_deg": rotation_error_deg(rotation, true_rotation), "translation_pct": te_pct}
     else:
         homography = batch.once(estimator)
-        he_px2 = homography_error_px2(homography, *_validation(pose, batch.camera))
+        parts = zip(np.split(homography, len(poses)), one_by_one(poses), strict=True)
+        he_px2 = np.concatenate([homography_error_px2(part, *_validation(pose, batch.camera)) for part, pose in parts])
         depth = np.einsum("tni,ti->tn", batch.xyz[..., :2], homography[:, 2, :2]) + 1
         kept = np.isfinite(he_px2) & np.all(depth > 0, axis=-1)
         errors = {"he_px2": he_px2}

@@ -114,15 +114,17 @@ class FromTruth(PoseEstimator):
     off_deg: ClassVar[float] = 0.0
 
     def __init__(self, rotation: Array, translation: Array) -> None:
-        self._pose = rotation, translation
+        """Take the true poses (P, 3, 3), (P, 3) of a batch with as many trials of each, pose after pose."""
+        self._poses = rotation, translation
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, one solution each."""
-        trials = len(batch.image_points)
+        trials = len(batch.image_points) // len(self._poses[0])
+        # The same for all poses.
         axes = np.random.default_rng(trials).standard_normal((trials, 3))
         off = exponential(np.radians(self.off_deg) * axes / np.linalg.norm(axes, axis=-1, keepdims=True))
-        rotation, translation = self._pose
-        return _refined(batch, rotation @ off, np.broadcast_to(translation, (trials, 3)))
+        rotation, translation = self._poses
+        return _refined(batch, (rotation[:, None] @ off).reshape(-1, 3, 3), np.repeat(translation, trials, axis=0))
 
 
 class FromPoor(FromTruth):

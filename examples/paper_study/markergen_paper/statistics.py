@@ -170,9 +170,9 @@ def _signed_rank(values: Array) -> tuple[float, float]:
     # Of few values with ties scipy tries all signs, for a second, to find a p that is above LEVEL in any case.
     method = "auto" if len(np.unique(np.abs(values))) == len(values) and values.all() else "asymptotic"
     # Zeros count half for either side: if ignored, a claim without any difference would look certain.
-    p, against = (
-        wilcoxon(values, alternative=side, zero_method="zsplit", method=method).pvalue for side in ("greater", "less")
-    )
+    # That values lie below 0 is that their negatives lie above: both at once, as a call takes a millisecond.
+    both = np.stack([values, -values])
+    p, against = wilcoxon(both, alternative="greater", zero_method="zsplit", method=method, axis=1).pvalue
     return float(p), float(against)
 
 

@@ -32,6 +32,7 @@ from markergen_paper.experiments import (
 )
 from markergen_paper.figures import figures_of
 from markergen_paper.options import (
+    AZIMUTHS,
     CAMERAS,
     COORDINATES,
     GROUPS,
@@ -58,8 +59,10 @@ of a descent that does. Ratios of all these constants count: on a slow processor
 times as long, and forecasts follow what the first ones take.
 """
 
-CELL_S = 25.0
-"""Target duration of a cell in s: short enough to lose little, long enough to make its overhead negligible."""
+CELL_S, SHORT_S = 25.0, 0.7
+"""Target duration of a cell in s, short enough to lose little; and that up to which poses of several distances and
+polar angles share a cell, long enough to make its overhead negligible.
+"""
 
 FURTHER_S = 2.6e-4
 """Seconds on one core for a trial with all estimators of `methods`."""
@@ -188,17 +191,17 @@ def _conditioned(
         "starts": starts,
         "optimized": dict.fromkeys(optimized, starts),
     }
-    return [cell for n in NUMBERS for cell in _in_blocks(options, poses, {**settings, "n": n})]
+    return [cell for n in NUMBERS for cell in _in_blocks(CONDITIONED, options, poses, {**settings, "n": n})]
 
 
 def _methods(options: PaperOptions) -> list[Cell]:
-    """Cells of one distance and polar angle each."""
     settings = {"runs": options.runs, "starts": min(METHODS_STARTS, options.fewer)}
+    poses = list(chain(*_half(options)))
     return [
-        _cell(METHODS, options, n=n, poses=block, noise_px=noise_px, **settings)
+        cell
         for noise_px in (NOISE_PX, QUIET_PX, LEAST_PX)
         for n in NUMBERS
-        for block in _half(options)
+        for cell in _in_blocks(METHODS, options, poses, {**settings, "n": n, "noise_px": noise_px})
     ]
 
 
@@ -215,15 +218,16 @@ def _further(starts: int, options: PaperOptions) -> int:
 
 def _random_only(options: PaperOptions) -> list[Cell]:
     settings = {"runs": options.runs, "noise_px": NOISE_PX, "starts": options.fewer, "optimized": {}}
-    return _in_blocks(options, options.poses, {**settings, "n": RANDOM_ONLY})
+    return _in_blocks(CONDITIONED, options, options.poses, {**settings, "n": RANDOM_ONLY})
 
 
-def _in_blocks(options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
-    """Cells of neighboring poses, at most those of one distance and polar angle."""
-    seconds = seconds_of(_cell(CONDITIONED, options, poses=[0], **settings))
-    size = min(max(1, int(CELL_S / seconds)), -(-len(poses) // GROUPS))
+def _in_blocks(kind: str, options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
+    """Cells of neighboring poses: those of one distance and polar angle, or more or fewer for their duration's sake."""
+    seconds = seconds_of(_cell(kind, options, poses=[0], **settings))
+    block = -(-len(poses) // len({pose // AZIMUTHS for pose in poses}))
+    size = min(max(1, int(CELL_S / seconds)), max(block, int(SHORT_S / seconds)))
     return [
-        _cell(CONDITIONED, options, poses=list(poses[start : start + size]), **settings)
+        _cell(kind, options, poses=list(poses[start : start + size]), **settings)
         for start in range(0, len(poses), size)
     ]
 

@@ -51,7 +51,7 @@ def test_four_points_have_one_homography():
 
 @pytest.mark.parametrize(
     "estimator",
-    [Decomposition(), FromDlt(), *(start(POSE.rotation[0], POSE.translation[0]) for start in (FromTruth, FromPoor))],
+    [Decomposition(), FromDlt(), *(start(POSE.rotation, POSE.translation) for start in (FromTruth, FromPoor))],
 )
 def test_without_noise_poses_are_true(estimator):
     rotation, translation = batch(6, 0.0).once(estimator).best
@@ -62,5 +62,5 @@ def test_without_noise_poses_are_true(estimator):
 def test_from_the_truth_levenberg_marquardt_fits_no_worse_than_the_truth():
     seen = batch(6, 2.0)
     truth = (np.broadcast_to(each, (6, *each.shape[1:])) for each in (POSE.rotation, POSE.translation))
-    found = seen.reprojection_error(*seen.once(FromTruth(POSE.rotation[0], POSE.translation[0])).best)
+    found = seen.reprojection_error(*seen.once(FromTruth(POSE.rotation, POSE.translation)).best)
     assert np.all(found <= seen.reprojection_error(*truth))

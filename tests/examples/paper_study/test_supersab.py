@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from markergen_paper.descents import descend_by_pose
 from markergen_paper.experiments import ROUTINES
 from markergen_paper.options import REGION, objective_for, poses_of
 from markergen_paper.supersab import FIRST, GROW, SHRINK, supersab
@@ -39,11 +40,11 @@ def test_steps_are_those_of_the_algorithm_by_hand():
 def test_both_routines_lower_c_and_stay_in_the_disk():
     objective = objective_for("metric", poses_of([25]))
     starts = REGION.sample(8, 5, np.random.default_rng(0))
-    for routine in ROUTINES.values():
-        found = routine(objective, starts=starts)
-        assert np.all(found.values < objective(starts))
-        assert REGION.holds(found.points).all()
-        assert found.values == pytest.approx(objective(found.points))
+    for options in ROUTINES.values():
+        found = descend_by_pose("metric", objective.setting.poses, starts[None], **options)
+        assert np.all(found.values[0] < objective(starts))
+        assert REGION.holds(found.points[0]).all()
+        assert found.values[0] == pytest.approx(objective(found.points[0]))
 
 
 def test_ours_does_not_depend_on_the_unit_of_the_objective():
