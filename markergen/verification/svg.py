@@ -86,7 +86,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
         if drawing.scale is None:
             width = brief(parse_svg(file).get("width") or "none")
-            raise InputError(f"a width and height with units in {name}", width, "save it with its size in mm")
+            remedy = "export it again, or set width and height in mm and leave the viewBox: pixels are no length"
+            raise InputError(f"a width and height in mm, cm or in of {name}", f"a width of {width}", remedy)
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
         circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0

@@ -45,6 +45,12 @@ IRRELEVANT = ("TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION",
               "POINT", "VIEWPORT")  # fmt: skip
 """Kinds of entities that annotate a drawing, and are no part of its shapes."""
 ELSEWHERE = "shapes on other layers"
+CENTER_LINES = "center lines"
+_CENTER_LINETYPE = re.compile(r"cent(er|re)", re.IGNORECASE)
+_CENTER_LAYER = re.compile(
+    r"(cent(er|re)|construction|mittellinie|konstruktion|axis)([ _-]?(line|mark|geometry))?(n|s|en)?", re.IGNORECASE
+)
+"""Linetypes, and whole names of layers, of lines that show where an axis is, and are no part of a shape."""
 
 Parts = tuple[list[Curve], bool]
 """Consecutive curves, perhaps none, and whether the last is joined to the first."""
@@ -96,6 +102,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         for entity in reader.entities():
             if not reader.chosen(entity):
                 reader.others.append("hidden shapes" if layer is None else ELSEWHERE)
+            elif reader.is_center_line(entity):
+                reader.others.append(CENTER_LINES)
             elif entity.kind in CURVES:
                 pieces += [(entity.name, *curves) for curves in entity.curves(file)]
             else:
@@ -233,6 +241,14 @@ class DxfReader:
         if self.wanted is not None:
             return placed.layer.casefold() == self.wanted
         return self._visible(placed.entity, placed.layer)
+
+    def is_center_line(self, placed: PlacedEntity) -> bool:
+        """Tell whether an entity is a center line by its linetype, or by a layer that was not asked for."""
+        linetype = str(placed.entity.dxf.get("linetype", "BYLAYER"))
+        if linetype.upper() == "BYLAYER" and placed.layer in self.document.layers:
+            linetype = str(self.document.layers.get(placed.layer).dxf.get("linetype", ""))
+        on_such_layer = self.wanted is None and _CENTER_LAYER.fullmatch(placed.layer.strip())
+        return bool(_CENTER_LINETYPE.match(linetype) or on_such_layer)
 
     def _visible(self, entity: Any, layer: str) -> bool:
         """Tell whether an entity is visible; an INSERT on a hidden layer may contain entities of the wanted layer."""

@@ -477,7 +477,12 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
     is_illustrator = b"Adobe Illustrator" in file.data[:2000]
-    hint = "; Adobe Illustrator, which wrote it, means pt by px" if is_illustrator else ""
+    width = _LENGTH.fullmatch(root.get("width", ""))
+    hint = ""
+    if width and width[2] in SCREEN:
+        hint = f"; a width of {width[0].strip()} is no length: px takes {PIXELS_PER_INCH:g} for an inch"
+    if is_illustrator:
+        hint = "; Adobe Illustrator, which wrote it, means pt by px"
     return Drawing(
         reader.pieces,
         scale,

@@ -115,3 +115,24 @@ def test_px_of_illustrator(write, refused):
             (contour,) = read_contours(path, unit)
         assert len(remarks) == count
         assert exact_area(contour) == pytest.approx((10 * {"pt": 0.0254 / 72, "px": 0.0254 / 96}[unit]) ** 2)
+
+
+def drawn_with_center_lines(document, space):
+    document.linetypes.add("CENTER2", [0.5, 0.4, -0.1])
+    document.layers.add("axes of the drawing", linetype="CENTER2")
+    document.layers.add("Construction")
+    space.add_lwpolyline([(0, 0), (50, 0), (50, 30), (0, 30)], close=True)
+    space.add_line((-5, 15), (55, 15), {"linetype": "CENTER2"})
+    space.add_line((25, -5), (25, 35), {"layer": "axes of the drawing"})
+    space.add_circle((25, 15), 20, {"layer": "Construction"})
+
+
+def test_center_lines_are_left_out_and_named(write):
+    path = write(dxf(drawn_with_center_lines))
+    with collected_remarks() as remarks:
+        (contour,) = read_contours(path)
+    assert exact_area(contour) == pytest.approx(1500e-6)
+    assert remarks == [f"not used of {path}: 3 center lines"]
+    with collected_remarks():
+        (circle,) = read_contours(path, layer="construction")
+    assert exact_area(circle) == pytest.approx(np.pi * 400e-6, rel=1e-6)

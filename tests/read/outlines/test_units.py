@@ -57,6 +57,12 @@ def test_svg_without_a_unit_asks(write, refused, frame):
             assert np.ptp(ring[:, 0]) == pytest.approx(30 * size, rel=1e-12)
 
 
+def test_a_size_in_pixels_is_named(refused):
+    words = "a width of 200px is no length: px takes 96 for an inch"
+    assert words in refused(svg('<rect width="30" height="40"/>', 'width="200px" height="100px"'))
+    assert words not in refused(svg('<rect width="30" height="40"/>', 'viewBox="0 0 200 100"'))
+
+
 def test_the_users_unit_beats_the_files(write):
     (ring,) = read_outline(write(svg('<rect width="30" height="40"/>')), "in")
     assert np.ptp(ring[:, 0]) == pytest.approx(30 * 0.0254)
