@@ -14,6 +14,11 @@ LINEAR_DEG = 30.0
 tangent differs from the angle by 10 %, at 20 degrees by 4 %."""
 
 
+LINEAR_SHARE = 0.5
+"""Share of the distance from which on the same holds of a translation: the first order of z / (1 + x) is off by a third
+of x there, at 0.3 by a fifth."""
+
+
 @dataclass(frozen=True)
 class PlannedError:
     """RMS errors of the pose over all poses of a design, to first order, with image noise and the print's error.
@@ -38,12 +43,12 @@ class PlannedError:
     @property
     def amounts(self) -> str:
         """Both errors, such as ``0.33 deg and 0.64 mm``."""
-        return f"{degrees(self.rotation_deg)} and {amount(self.translation_mm)} mm"
+        return f"{degrees(self.rotation_deg)} and {millimeters(self.translation_mm, self.distance)}"
 
     @property
     def reach(self) -> str:
         """Distances that they hold at, such as ``at up to 1.5 m``."""
-        return f"at up to {self.distance:.2g} m"
+        return f"at up to {plain(self.distance)} m"
 
     @property
     def assumed(self) -> str:
@@ -94,7 +99,17 @@ def amount(value: float | None, digits: int = 2) -> str:
     if value is None or not isfinite(value):
         return "unbounded"
     # First to the four digits of files: else 0.18504 reads 0.19 where it is computed, and 0.18 where it was stored.
-    return f"{float(f'{value:.4g}'):#.{digits}g}".rstrip(".")
+    return plain(float(f"{value:.4g}"), digits, "#")
+
+
+def plain(value: float, digits: int = 2, zeros: str = "") -> str:
+    """Format a number with that many significant digits, large ones without an exponent.
+
+    >>> plain(500.3), plain(0.999), plain(0.999, zeros="#")
+    ('500', '1', '1.0')
+    """
+    rounded = f"{value:{zeros}.{digits}g}".rstrip(".")
+    return f"{float(rounded):.0f}" if "e+" in rounded else rounded
 
 
 def degrees(value: float) -> str:
@@ -104,3 +119,12 @@ def degrees(value: float) -> str:
     ('0.33 deg', 'an undetermined rotation')
     """
     return f"{amount(value)} deg" if value <= LINEAR_DEG else "an undetermined rotation"
+
+
+def millimeters(value: float, distance: float) -> str:
+    """Format a first-order translation error of poses up to a distance in m, as `degrees` does a rotation.
+
+    >>> millimeters(0.64, 1.5), millimeters(3.8e6, 500.0)
+    ('0.64 mm', 'an undetermined position')
+    """
+    return f"{amount(value)} mm" if value <= 1e3 * LINEAR_SHARE * distance else "an undetermined position"

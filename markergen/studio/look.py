@@ -14,7 +14,7 @@ from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
-from markergen.model.planned_error import amount, degrees, planned_error_of
+from markergen.model.planned_error import LINEAR_DEG, degrees, millimeters, planned_error_of
 from markergen.model.poses import PoseDistribution, left_out
 from markergen.model.spec import AUTO, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -252,7 +252,7 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation": degrees(rms(rotation[mask])), "translation_mm": rms(translation[mask])}
     turned, moved = rms(rotation), rms(translation)
-    words = {"rotation": degrees(turned), "translation": f"{amount(moved)} mm"}
+    words = {"rotation": degrees(turned), "translation": millimeters(moved, float(poses.distance.max()))}
     seen = {"poses": len(poses), "dropped": poses.dropped, "missed": left_out(len(poses), poses.dropped)}
     return {"rotation_deg": turned, "translation_mm": moved, **words, **seen, "hardest": hardest}
 
@@ -337,7 +337,8 @@ def _more_dots(layout: Sketch) -> list[dict[str, Any]]:
         glance = glances[n]
         budget = marker_budget(glance.points, glance.diameter, layout.setting, layout.spec.image_noise, layout.sources)
         turned, moved = rms(budget.rotation_deg["total"]), 1e3 * rms(budget.translation["total"])
-        rows.append({"n": n, "diameter": glance.diameter, "rotation_deg": turned, "translation_mm": moved})
+        errors = {"rotation_deg": turned, "translation_mm": moved} if turned <= LINEAR_DEG else {}
+        rows.append({"n": n, "diameter": glance.diameter, **errors})
     return rows
 
 

@@ -21,7 +21,7 @@ from markergen.files import Written
 from markergen.model.body_json import load_marker, load_rig
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.planned_error import amount
+from markergen.model.planned_error import degrees, millimeters
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, planned_print
@@ -181,7 +181,8 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
     series: SyntheticViews[Any] = SyntheticViews(what, camera, poses, 0, errors=usual)
     served, budget = series.coverage.served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
-    turned, moved = (amount(rms(error[served])) for error in total.values())
+    turned, moved = (rms(error[served]) for error in total.values())
+    amounts = f"{degrees(turned)} and {millimeters(moved, float(poses.distance.max()))}"
     at_poses = {name: np.where(served, error, np.inf) for name, error in total.items()}
     source = source_of(1e3 * usual.print_sigma, False)
     where = (
@@ -189,7 +190,7 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
         if not served.all()
         else f"all {len(poses)} poses"
     )
-    return clean(at_poses), f"Expect {turned} deg and {moved} mm RMS over {where}, to first order, with {source}."
+    return clean(at_poses), f"Expect {amounts} RMS over {where}, to first order, with {source}."
 
 
 def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, Any]:

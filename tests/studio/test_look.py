@@ -106,6 +106,12 @@ def test_more_says_what_takes_longer() -> None:
     assert json.dumps(found)
 
 
+def test_errors_beyond_first_order_are_words_not_numbers() -> None:
+    expected = look({"points": POINTS, "dot": "30mm", "poses": "cone:count=12,distance=400..500m"})["expected"]
+    assert expected["rotation"] == "an undetermined rotation"
+    assert expected["translation"] == "an undetermined position"
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

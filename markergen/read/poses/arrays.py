@@ -29,7 +29,7 @@ def _array(data: bytes) -> Array | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
+            version = np.lib.format.read_magic(stream)
             shape, is_by_columns, dtype = HEADERS[version](stream, max_header_size=1000)
     except Exception:  # The header is Python code, whose parsers raise a dozen kinds of errors on damaged text.
         return None
