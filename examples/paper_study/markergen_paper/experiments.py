@@ -322,7 +322,8 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, 
         ends = descend(objective, REGION, REGION.sample(RESTARTS, n, rng))
         return polish(objective, REGION, ends.points[np.argmin(ends.values)])[0][None]
     if name not in RELIEFS:
-        return search(objective_for(name, poses), REGION, n, rng, restarts or RESTARTS).points[None]
+        rough = objective_for(name, fewer(poses))
+        return search(objective_for(name, poses), REGION, n, rng, restarts or RESTARTS, rough=rough).points[None]
     # Bare points stand on pillars of zero width, which hide nothing.
     room = ReliefRoom(REGION, RELIEFS[name], eyes_of(poses))
     flat = regular_polygon(n, BOUNDARY.radius)

@@ -47,15 +47,15 @@ from markergen_paper.options import (
 from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv, tables_of
 from markergen_paper.results import PaperResults, gather
 
-TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.5e-4, 0.013, 0.02, 1e-3, 70
+TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.5e-4, 0.007, 0.06, 8e-4, 70
 """Seconds on one core for a trial with all estimators, for a set of layouts under one pose however few they are, for
-the descents under one pose together, and for each of them; number of steps of the displayed descent.
+the descents of a cell together, and for each of them; number of steps of the displayed descent.
 """
 
-SEARCH_S = {"metric": 0.03, "unit": 0.03, "pixel": 0.09, "hartley": 0.01, "pose": 0.01, "homography": 0.01}
-AUTOGRAD_S, AUTOGRAD = 35.0, 4
+SEARCH_S = {"metric": 0.011, "unit": 0.011, "pixel": 0.042, "hartley": 0.01, "pose": 0.003, "homography": 0.004}
+AUTOGRAD_S, AUTOGRAD = 35.0, 2.5
 """Seconds on one core for one pose of a search over many, by what is minimized, and for one that needs autograd; factor
-of a descent that does. Ratios of all these constants count: on a slow processor cells of every kind take 1.3 to 2.2
+of descents that do. Ratios of all these constants count: on a slow processor cells of every kind take 1.2 to 1.8
 times as long, and forecasts follow what the first ones take.
 """
 
@@ -64,11 +64,11 @@ CELL_S, SHORT_S = 25.0, 0.7
 polar angles share a cell, long enough to make its overhead negligible.
 """
 
-FURTHER_S = 2.6e-4
+FURTHER_S = 1.7e-4
 """Seconds on one core for a trial with all estimators of `methods`."""
 
-STEPS_S, STEP_S = 2.8e-4, 1.4e-5
-"""Seconds on one core for a step of all descents under a pose together, and for each of them."""
+STEPS_S, STEP_S = 3e-4, 1e-5
+"""Seconds on one core for a step of all descents of a cell together, and for each of them."""
 SETTLING_STEPS = 1000
 """Number of steps of all routines together."""
 
@@ -223,9 +223,9 @@ def _random_only(options: PaperOptions) -> list[Cell]:
 
 def _in_blocks(kind: str, options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
     """Cells of neighboring poses: those of one distance and polar angle, or more or fewer for their duration's sake."""
-    seconds = seconds_of(_cell(kind, options, poses=[0], **settings))
+    seconds, both = (seconds_of(_cell(kind, options, poses=[0] * count, **settings)) for count in (1, 2))
     block = -(-len(poses) // len({pose // AZIMUTHS for pose in poses}))
-    size = min(max(1, int(CELL_S / seconds)), max(block, int(SHORT_S / seconds)))
+    size = min(max(1, int(CELL_S / seconds)), max(block, int(SHORT_S / (both - seconds))))
     return [
         _cell(kind, options, poses=list(poses[start : start + size]), **settings)
         for start in range(0, len(poses), size)
@@ -239,21 +239,21 @@ def seconds_of(cell: Cell) -> float:
         optimized = settings["optimized"]
         descents = sum(optimized.values())
         trials = (settings["starts"] * 1.2 + descents) * settings["runs"]
-        fixed = (len(optimized) + 2) * SET_S + len(optimized) * DESCENTS_S
-        return len(settings["poses"]) * (trials * TRIAL_S + fixed + descents * DESCENT_S)
+        for_a_pose = trials * TRIAL_S + (len(optimized) + 2) * SET_S + descents * DESCENT_S
+        return len(optimized) * DESCENTS_S + len(settings["poses"]) * for_a_pose
     if cell.kind == DESCENT:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY:
         factor = AUTOGRAD if settings["coordinates"] == "hartley" else 1
-        return len(settings["poses"]) * factor * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
+        return factor * (DESCENTS_S + len(settings["poses"]) * settings["starts"] * DESCENT_S)
     if cell.kind == METHODS:
         trials = 3 * settings["starts"] * settings["runs"]
-        fixed = 2 * SET_S + DESCENTS_S
-        return len(settings["poses"]) * (trials * FURTHER_S + fixed + settings["starts"] * DESCENT_S)
+        for_a_pose = trials * FURTHER_S + 2 * SET_S + settings["starts"] * DESCENT_S
+        return DESCENTS_S + len(settings["poses"]) * for_a_pose
     if cell.kind == SETTLING:
-        return len(settings["poses"]) * SETTLING_STEPS * (STEPS_S + settings["starts"] * STEP_S)
+        return SETTLING_STEPS * (STEPS_S + len(settings["poses"]) * settings["starts"] * STEP_S)
     if cell.kind == LIMITS:
-        return 4 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
+        return 2 * (DESCENTS_S + len(settings["poses"]) * settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     for_a_pose = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
     needs_autograd = settings["layout"] == "hartley" and settings.get("restarts", RESTARTS) > FEW_RESTARTS

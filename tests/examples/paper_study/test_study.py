@@ -126,6 +126,15 @@ def compared(options, everything):
     return [c for c in cells if (len(c.settings["optimized"]) == len(OBJECTIVE_OF)) == everything]
 
 
+def test_small_studies_have_few_cells_of_several_views():
+    small, whole = (PaperOptions(scale=scale) for scale in (0.01, 1.0))
+    # Instead of one for each view, number of points and noise.
+    assert len(cells_of(small)) < len(cells_of(whole)) / 5
+    for cell in cells_of(whole):
+        if cell.kind in ("conditioned", "methods"):
+            assert len({pose // 20 for pose in cell.settings["poses"]}) == 1
+
+
 @pytest.mark.parametrize("scale", [1e-4, 0.01, 1.0])
 def test_every_pose_is_compared_once_for_every_n(scale):
     options = PaperOptions(scale=scale)
