@@ -102,6 +102,9 @@ KINDS = {
     "upload": Limits(
         "a file for the studio", 100_000_000, "a photograph has some ten MB", "use the command line for it"
     ),
+    "photographs": Limits(
+        "a set of photographs", 400_000_000, "twenty of a phone have 100 MB", "leave some out"
+    ),
     "list": Limits("a list", 10_000_000, "a thousand points have 100 kB"),
     "SVG": Limits("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
     "PDF": Limits(

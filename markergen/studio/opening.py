@@ -40,11 +40,15 @@ NOT_OPTIONS = ("title", "substrate", "target", "n")
 @contextmanager
 def uploaded(name: str, data: bytes) -> Iterator[Path]:
     """Yield the path of a file with these bytes, for readers that take one; errors name the file as its sender does."""
-    last = re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip(". ") or "file"
     with nameless_folder() as folder:
-        path = folder / last
+        path = folder / last_name(name)
         path.write_bytes(data)
         yield path
+
+
+def last_name(name: str) -> str:
+    """Return the last part of a sender's name of a file, as any system can have it."""
+    return re.sub(r"[^\w.\- ]", "_", name.replace("\\", "/").rpartition("/")[2])[-100:].strip(". ") or "file"
 
 
 @contextmanager

@@ -38,7 +38,8 @@ from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json
 from markergen.studio.look import look, more
 from markergen.studio.opening import opened_file
-from markergen.studio.showing import detected, exported, parsed_request, scene, view
+from markergen.studio.photographs import calibrated, detected
+from markergen.studio.showing import exported, parsed_request, scene, view
 from markergen.studio.state import (
     declared_options,
     place_in,
@@ -372,6 +373,7 @@ def studio_app(token: str, port: int, file: Path | None = None) -> ASGIApp:
         Route("/export", _refusing(_export), methods=["POST"]),
         Route("/open", _refusing(_open), methods=["POST"]),
         Route("/detect", _refusing(_detect), methods=["POST"]),
+        Route("/calibrate", _refusing(_calibrate), methods=["POST"]),
         Route("/optimize", _refusing(_optimize), methods=["POST"]),
         Route("/rig", _refusing(_rig), methods=["POST"]),
         Route("/static/dome.js", dome),
@@ -471,6 +473,13 @@ async def _detect(request: Request) -> Response:
     # What to look for, as JSON in one line, comes before the photograph.
     asked, _, photo = (await body(request, "upload")).partition(b"\n")
     return _json(await aside(detected, parsed_request(asked), _name(request), photo))
+
+
+async def _calibrate(request: Request) -> Response:
+    # As with one photograph; all of them come one after the other.
+    asked, _, photographs = (await body(request, "photographs")).partition(b"\n")
+    wanted = parsed_request(asked)
+    return _streaming(lambda tell: calibrated(wanted, photographs, tell.progress))
 
 
 async def _optimize(request: Request) -> Response:

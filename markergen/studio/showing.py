@@ -1,4 +1,4 @@
-"""What a state looks like: camera views, files to download, bodies in 3-D, and what is found in a photograph."""
+"""What a state looks like: camera views, files to download, and bodies in 3-D."""
 
 import io
 import json
@@ -12,8 +12,6 @@ import numpy as np
 from markergen.api.design import design
 from markergen.api.export import choices_of, export
 from markergen.arrays import Array
-from markergen.detect.detector import Detector
-from markergen.detect.presentation import overlay
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.exporters import EXPORTERS, RECORD
@@ -27,12 +25,10 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig, planned_print
 from markergen.options import given
 from markergen.options.declarations import DesignKeywords
-from markergen.presentation.pages import data_uri
-from markergen.read.images import read_image
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.studio.look import clean, sketch
-from markergen.studio.opening import nameless_folder, uploaded
-from markergen.studio.state import SPEC, plain_options, refuse_files, refuse_named_plates, table_in, words
+from markergen.studio.opening import nameless_folder
+from markergen.studio.state import SPEC, plain_options, refuse_named_plates, table_in, words
 from markergen.validation.bounds import budget_of
 from markergen.validation.error_to_plan_with import source_of
 from markergen.validation.metrics import rms
@@ -191,39 +187,6 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
         else f"all {len(poses)} poses"
     )
     return clean(at_poses), f"Expect {amounts} RMS over {where}, to first order, with {source}."
-
-
-def detected(request: Mapping[str, Any], name: str, photo: bytes) -> dict[str, Any]:
-    """Look for a marker or rig in a photograph.
-
-    Returns
-    -------
-    dict
-        ``found``; ``why`` not; ``line``, the result as the command prints it; ``dots`` with ``id``, ``x`` and ``y`` in
-        px; ``pose`` as in docs/detect.md, or None without a ``camera`` or with a typical one, which is not that of the
-        photograph; ``notes`` on the file; ``overlay``, a data URI.
-    """
-    what, camera, covariance = subject(request).what, request.get("camera"), request.get("camera_covariance")
-    refuse_files({"camera": camera, "camera_covariance": covariance}, DesignKeywords)
-    if camera is None or isinstance(camera, str):  # A typical one.
-        detector = Detector(what)
-    else:
-        detector = Detector(what, table_in(request, "camera"), camera_covariance=covariance)
-    with uploaded(name, photo) as path:
-        image = read_image(path)
-    detections = detector(image.grey)
-    first = detections[0]
-    picture = overlay(image.grey, detections)
-    ids = first.ids.tolist() or [None] * len(first.pixels)
-    return {
-        "found": first.ok,
-        "why": first.reason,
-        "line": str(first),
-        "dots": [{"id": i, "x": x, "y": y} for i, (x, y) in zip(ids, first.pixels.tolist(), strict=True)],
-        "pose": first.as_dict()["pose"],
-        "notes": list(image.notes),
-        "overlay": data_uri(picture),
-    }
 
 
 def parsed_request(data: bytes) -> dict[str, Any]:

@@ -124,6 +124,37 @@ def test_a_camera_file_gives_photographs_their_pose_and_the_calibration_its_shar
     assert "calibration 0 %" not in studio.page.locator("#limits").inner_text()
 
 
+def test_photographs_calibrate_and_what_they_measure_is_downloaded(studio, tmp_path):
+    from PIL import Image
+
+    from markergen.render import Optics, render_view
+
+    setting, poses = (
+        mg.Camera(640, 480, 800, 800, 320, 240),
+        mg.Poses.load("cone:distance=0.6..0.9,tilt=20..50,count=8"),
+    )
+    marker, rng = mg.design(n=5).marker, np.random.default_rng(1)
+    for k, (turned, place) in enumerate(zip(poses.rotation, poses.translation, strict=True)):
+        image = render_view(marker, setting, turned, place, Optics(), rng)
+        Image.fromarray(image).save(tmp_path / f"{k}.png")
+    assert studio.page.is_hidden("#calibrate")
+    studio.give(*(tmp_path / f"{k}.png" for k in range(8)))
+    studio.until("() => document.querySelectorAll('#photos figcaption').length === 8")
+    studio.until("() => !document.getElementById('photos').textContent.includes('looking')")
+    studio.page.click("#calibrate")
+    studio.page.wait_for_selector("#calibration button", timeout=120_000)
+    assert "a pose error of" in studio.page.locator("#calibration").inner_text()
+    for name, load in (("measured.json", mg.Marker.load), ("camera.yaml", mg.Camera.load)):
+        with studio.page.expect_download() as download:
+            studio.page.click(f"#calibration button:has-text('{name}')")
+        assert download.value.suggested_filename == name
+        download.value.save_as(tmp_path / name)
+        load(tmp_path / name)
+    studio.page.click("#photos-away")
+    assert studio.page.is_hidden("#calibrate")
+    assert not studio.page.locator("#calibration").inner_text()
+
+
 def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing, tmp_path):
     before = refusing.state()
     for name, data, said in (

@@ -148,6 +148,40 @@ def test_a_photograph_shows_what_detect_finds(studio, options):
     assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR).shape == (480, 640, 3)
 
 
+def photographed(studio, options, count=8):
+    """Views of a marker from around, and the request that comes before them."""
+    poses = [{"tilt": 20 + 4 * k, "azimuth": 100 * k, "distance": 0.6 + 0.03 * k} for k in range(count)]
+    views = [studio.post("view", {"options": options, "pose": pose}).data for pose in poses]
+    names = [{"name": f"IMG {k}.png", "size": len(view)} for k, view in enumerate(views)]
+    return {"options": options, "files": names}, b"".join(views)
+
+
+@pytest.mark.parametrize("camera", [None, {"width": 640, "height": 480, "fx": 800, "fy": 800, "cx": 320, "cy": 240}])
+def test_photographs_calibrate_print_and_camera(studio, options, camera, tmp_path):
+    asked, views = photographed(studio, options)
+    *stages, found = studio.post("calibrate", json.dumps({**asked, "camera": camera}).encode() + b"\n" + views).lines
+    assert stages[-1]["done"] == stages[-1]["total"]
+    assert "a pose error of" in found["verdict"]
+    assert list(found["files"]) == ["measured.json"] + ["camera.yaml"] * (camera is None)
+    for name, text in found["files"].items():
+        (tmp_path / name).write_text(text)
+    assert mg.Marker.load(tmp_path / "measured.json").places_measured
+    if camera is None:
+        assert mg.Camera.load(tmp_path / "camera.yaml").fx == pytest.approx(800, rel=0.02)
+
+
+def test_what_calibrates_nothing_is_refused(studio, options):
+    asked, views = photographed(studio, options, 2)
+    [error] = [
+        line["error"] for line in studio.post("calibrate", json.dumps(asked).encode() + b"\n" + views).lines[-1:]
+    ]
+    assert "photographs" in error["line"]
+    assert "/tmp" not in error["line"]
+    for files in (None, [], [{"name": "a", "size": 3}], [{"name": "a", "size": -1}], "a"):
+        refused = studio.post("calibrate", json.dumps({**asked, "files": files}).encode() + b"\n" + views).lines[-1]
+        assert refused["error"]["line"].startswith("expected photographs with their sizes")
+
+
 @pytest.mark.parametrize("camera", [None, "phone", "webcam"])
 def test_a_photograph_is_found_where_the_camera_is_a_typical_one(studio, options, camera):
     """Its size and calibration are not those of the photograph: there are dots, and no pose."""

@@ -1,11 +1,12 @@
 /* The studio: a state is the options of a design; the server says what each is worth, and keeps none of them. */
 
-import { Gone, Refused, ask, by, capital, digits, lines, make, mm, said, worded } from "./dom.js";
+import { Gone, Refused, ask, by, capital, digits, lines, make, mm, said, save, worded } from "./dom.js";
 import { read, written } from "./address.js";
 import { editor } from "./editor.js";
 import * as facts from "./facts.js";
 import { files } from "./files.js";
 import { form } from "./options.js";
+import { away, calibrate } from "./photos.js";
 
 const AFTER = 500, RETRY = 2000, KEPT = 200;
 const COPIES = { command: "Command", python: "Python", spec: "Spec", share: "Link" };
@@ -31,6 +32,7 @@ async function settled() {
 
 /* What requests are about: a rig or marker that was opened or designed, or else the options. */
 const about = async () => body || { options: await settled() };
+const seen = async () => ({ ...(await about()), camera: options.camera, camera_covariance: options.camera_covariance });
 
 function told(error) {
   if (error.name === "AbortError") return;
@@ -479,9 +481,7 @@ async function download() {
     const what = suffix === ".toml" && body?.designed !== false ? { options: await settled() } : await about();
     const answer = await ask("export", { ...what, suffix });
     const name = decodeURIComponent(/filename\*=UTF-8''([^;]+)/.exec(answer.headers.get("Content-Disposition") || "")?.[1] || `marker${suffix}`);
-    const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
+    save(await answer.blob(), name);
     said(`Downloaded ${name}${!body && look.start ? `: ${look.start}, as shown. Optimize searches for the best layout` : ""}.`);
   } catch (error) {
     told(error);
@@ -567,9 +567,9 @@ function listen() {
     by("marker").focus();
   });
   by("find").addEventListener("input", () => said(fields.find(by("find").value) ? "" : "No option is called that, nor says so."));
+  by("calibrate").addEventListener("click", () => calibrate(seen, searching).catch(told));
   by("photos-away").addEventListener("click", () => {
-    by("photos").replaceChildren();
-    by("photos-away").hidden = true;
+    away();
     by("open").focus();
   });
   by("form").addEventListener("submit", (event) => event.preventDefault());
@@ -648,7 +648,7 @@ async function begin() {
     said,
   });
   numbers = facts.numbers(by("table").querySelector(".scroll"), (index, place) => drawing.set(index, place), (index) => drawing.remove(index));
-  take = files({ options: () => options, become, stand, about, said, told }, known.units);
+  take = files({ options: () => options, become, stand, seen, said, told }, known.units);
   by("first-paper").append(...known.papers.map((name) => make("option", {}, name)));
   by("first-paper").value = known.paper;
   by("suffix").append(...known.formats.map((each) => make("option", { value: each.suffix, title: each.words }, each.suffix)));

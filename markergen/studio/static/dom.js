@@ -45,6 +45,13 @@ const refusal = (line) => worded(line)
 export const capital = (line) => `${line[0].toUpperCase()}${line.slice(1)}`;
 export const sentence = (line) => worded(`${capital(line)}.`);
 
+/* Have the browser save a file. */
+export function save(blob, name) {
+  const link = make("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
+}
+
 /* Significant digits; a word for what is missing or not finite. */
 export function digits(value, count = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "unbounded";

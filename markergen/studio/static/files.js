@@ -7,7 +7,7 @@ const KINDS = { camera: "a camera", poses: "poses of the camera", points: "place
 const DRAWING = /\.(svg|dxf|geojson|kicad_pcb)$/i;
 
 /* files(page, units) returns take(files). The page has options(), become(state), which is a promise of whether the server
-takes it, stand(subject, note), about(), a promise of what requests are about, said(text) and told(error). */
+takes it, stand(subject, note), seen(), a promise of what photographs show by which camera, said(text) and told(error). */
 export function files(page, units) {
   const opened = {
     options: (answer) => page.become(answer.options),
@@ -101,10 +101,6 @@ export function files(page, units) {
       }
     }
     if (!pictures.length) return;
-    const seen = async () => {
-      const { camera, camera_covariance } = page.options();
-      return { ...(await page.about()), camera, camera_covariance };
-    };
-    await photographs(by("photos"), pictures, seen).catch(page.told);
+    await photographs(by("photos"), pictures, page.seen).catch(page.told);
   };
 }

@@ -1,10 +1,33 @@
-/* What detection sees in photographs, and why not. */
+/* What detection sees in photographs, and why not; and what all of them measure. */
 
-import { Gone, Refused, ask, by, digits, make, said } from "./dom.js";
+import { Gone, Refused, ask, by, digits, make, said, save, worded } from "./dom.js";
+
+const taken = [];
+
+/* Calibrate with the photographs that were taken; `subject()` is a promise of what they show, and `searching` works in the
+background, as it does for a search. */
+export async function calibrate(subject, searching) {
+  const files = taken.map(({ name, size }) => ({ name, size }));
+  const found = await searching("calibrate", new Blob([JSON.stringify({ ...(await subject()), files }), "\n", ...taken]));
+  if (!found) return;
+  const downloads = Object.entries(found.files).flatMap(([name, text]) =>
+    [make("button", { type: "button", click: () => save(new Blob([text]), name) }, `Download ${name}`), " "]);
+  by("calibration").replaceChildren(
+    make("p", { class: !found.use && "fault" }, worded(found.verdict)), make("p", {}, downloads),
+    make("details", {}, make("summary", {}, "How it was found"), found.sentences.map((line) => make("p", {}, worded(line)))));
+  said(worded(found.verdict), !found.use);
+}
+
+/* Take all photographs away, and what they measured. */
+export function away() {
+  taken.length = 0;
+  for (const id of ["photos", "calibration"]) by(id).replaceChildren();
+  for (const id of ["photos-away", "calibrate"]) by(id).hidden = true;
+}
 
 /* Detect in one photograph after the other; `subject()` is a promise of what to look for. */
 export async function photographs(element, files, subject) {
-  by("photos-away").hidden = false;
+  for (const id of ["photos-away", "calibrate"]) by(id).hidden = false;
   for (const file of files.sort((one, other) => one.name.localeCompare(other.name, undefined, { numeric: true }))) {
     const caption = make("figcaption"), into = () => figure.scrollIntoView({ block: "nearest" });
     const picture = make("img", { alt: `${file.name}, with what was found drawn in`, hidden: true, load: into });
@@ -14,6 +37,7 @@ export async function photographs(element, files, subject) {
       said(caption.textContent, fault);
     };
     element.append(figure);
+    taken.push(file);
     tell("looking …");
     into();
     try {
