@@ -3,6 +3,7 @@
 # tests: tests/studio/test_showing.py
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def calibrated(request: Mapping[str, Any], photographs: bytes, progress: Progres
     what = subject(request).what if is_body else design_of(table_in(request, "options")).marker
     camera, covariance = _camera_of(request)
     with nameless_folder() as folder:
-        paths = []
+        paths: list[Path] = []
         for name, data in _parted(request.get("files"), photographs):
             path = folder / str(len(paths)) / last_name(name)
             path.parent.mkdir()
