@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from docs.numbers import ENVIRONMENT, ROOT
+from docs.numbers import ENVIRONMENT, PAGES, ROOT
 
 GENERATED = {"cli.md", "api.md", "changelog.md"}
 COMMANDS = {"markergen", "python", "pip", "echo", "make", "colcon", "ros2"}
@@ -56,10 +56,7 @@ class Block:
 
 def pages() -> list[Path]:
     """Return README and the pages that are written by hand."""
-    return [
-        ROOT / "README.md",
-        *sorted(path for path in (ROOT / "docs").glob("*.md") if path.name not in GENERATED),
-    ]
+    return [ROOT / page for page in PAGES if Path(page).name not in GENERATED]
 
 
 def _fenced(lines: list[str], k: int) -> tuple[str, str, int]:

@@ -190,7 +190,7 @@ def _gamma(linear: Array) -> Array:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def main(source: Path, target: Path, width: int) -> None:
+def write_picture(source: Path, target: Path, width: int) -> None:
     """Read a GLB and write its picture, which is two thirds as high as it is wide."""
     image = picture(*read_glb(source.read_bytes()), width, 2 * width // 3)
     target.write_bytes(cv2.imencode(".png", image)[1].tobytes())
@@ -203,4 +203,4 @@ if __name__ == "__main__":
     parser.add_argument("target", type=Path, nargs="?", default=Path("solid.png"))
     parser.add_argument("--width", type=int, default=1200, help="of the picture in pixels")
     arguments = parser.parse_args()
-    main(arguments.source, arguments.target, arguments.width)
+    write_picture(arguments.source, arguments.target, arguments.width)

@@ -7,10 +7,8 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
-
 import markergen as mg
-from docs.picture_of_a_solid import picture, read_glb
+from docs.picture_of_a_solid import write_picture
 from markergen.api.shipped import overview
 from markergen.model.picture import svg
 
@@ -18,28 +16,24 @@ WIDTH = 360
 """Of a picture, in px."""
 
 
-def drawn(name: str, folder: Path) -> Path:
+def draw(name: str, folder: Path) -> None:
     """Write the picture of a template; a search takes from 3 to 40 s."""
     rig = next(each for each in overview().templates if each.name == name).command == "rig"
     target: mg.Marker | mg.Rig = mg.rig(template=name).rig if rig else mg.design(template=name).marker
     if isinstance(target, mg.Marker) and not target.height:
         # Pages may be dark, dots are.
         flat = svg(target).replace(">", '><rect x="-1000" y="-1000" width="2000" height="2000" fill="#fff"/>', 1)
-        path = folder / f"{name}.svg"
-        path.write_text(flat)
-        return path
+        (folder / f"{name}.svg").write_text(flat)
+        return
     with TemporaryDirectory() as scratch:
         solid = Path(scratch) / "solid.glb"
         mg.export(target, solid)
-        image = picture(*read_glb(solid.read_bytes()), WIDTH, 2 * WIDTH // 3)
-    path = folder / f"{name}.png"
-    path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-    return path
+        write_picture(solid, folder / f"{name}.png", WIDTH)
 
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     for each in overview().templates:
-        made = drawn(each.name, folder)
-        print(f"{made}: {made.stat().st_size / 1e3:.0f} kB", flush=True)
+        print(each.name, flush=True)
+        draw(each.name, folder)

@@ -9,7 +9,7 @@ far away, are looked for one by one on the surface of the other solid.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,7 +299,7 @@ def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
     low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
     orders = np.argsort(middles, axis=0, kind="stable")
-    sides = ((low, "left"), (high, "right"))
+    sides: tuple[tuple[Array, Literal["left", "right"]], ...] = ((low, "left"), (high, "right"))
     ends = np.array([
         [np.searchsorted(middles[order, axis], bound[:, axis], side) for bound, side in sides]
         for axis, order in enumerate(orders.T)
