@@ -1,39 +1,12 @@
 """Condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
 # tests: tests/objectives/test_objectives.py
 
-from collections.abc import Callable
-
-import autograd.numpy as anp
 import numpy as np
-from autograd.core import make_vjp
-from autograd.extend import defvjp, primitive
 
 from markergen.arrays import Array
 from markergen.maths import dlt
 from markergen.maths.projection import rotate_each, to_camera
 from markergen.objectives.base import OBJECTIVES, Criterion, Objective, Pullback, Setting
-
-condition_number: Callable[..., Array] = primitive(dlt.condition)
-"""Condition number s1/s8 (`markergen.maths.dlt.condition`), differentiable by autograd.
-
-autograd through a full SVD divides by differences of singular values and gives inf or nan where two of them coincide,
-as they do at optima; this primitive uses the closed form instead.
-"""
-
-
-def _vjp(argument: int) -> object:
-    def make(value: Array, object_points: Array, image_points: Array, softness: float = 0.0) -> Pullback:
-        def vjp(cotangent: Array) -> Array:
-            gradient = dlt.condition_and_gradient(object_points, image_points, softness)[argument]
-            gradient = gradient * (cotangent * value)[..., None, None]
-            return _sum_to(gradient, (object_points, image_points)[argument - 1].shape)
-
-        return vjp
-
-    return make
-
-
-defvjp(condition_number, _vjp(1), _vjp(2), argnums=(0, 1))
 
 
 @OBJECTIVES.register("condition")
@@ -76,8 +49,6 @@ class ConditionObjective(Objective):
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; of layouts (B, P, n, 2), one for each pose, gradients have the same shape."""
-        if self._normalizes:
-            return self._linearize_hartley(points, softness)
         rotation = self.setting.poses.rotation
         translation, one_each = self.setting.poses.translation, points.ndim == 4
         if one_each:
@@ -86,40 +57,35 @@ class ConditionObjective(Objective):
             camera_points, points = to_camera(points, rotation, translation), points[:, None]
         depth = camera_points[..., 2:]
         normalized = camera_points[..., :2] / depth
-        value, by_object, by_image = dlt.condition_and_gradient(
-            points * self._object_scale, (normalized - self._shift) * self._stretch, softness
-        )
+        if self._normalizes:
+            (objects, to_points), (images, to_image) = _hartley(points), _hartley(normalized)
+        else:
+            objects, images = points * self._object_scale, (normalized - self._shift) * self._stretch
+        value, by_object, by_image = dlt.condition_and_gradient(objects, images, softness)
 
         def pullback(weights: Array) -> Array:
             scale = (weights * value)[..., None, None]
-            lateral = by_image * self._stretch * scale / depth
+            if self._normalizes:
+                lateral, direct = to_image(by_image * scale) / depth, to_points(by_object * scale)
+            else:
+                lateral = by_image * self._stretch * scale / depth
+                direct = by_object * (self._object_scale * scale)
             axial = -np.sum(lateral * normalized, axis=-1, keepdims=True)
             chained = np.concatenate([lateral, axial], axis=-1) @ rotation[:, :, :2]
-            gradient = chained + by_object * (self._object_scale * scale)
-            return gradient if one_each else gradient.sum(axis=1)
+            return chained + direct if one_each else (chained + direct).sum(axis=1)
 
         return value, pullback
 
-    def _linearize_hartley(self, points: Array, softness: float) -> tuple[Array, Pullback]:
-        rotation, translation = self.setting.poses.rotation, self.setting.poses.translation
 
-        def values(layouts: Array) -> Array:
-            layouts = layouts if layouts.ndim == 4 else layouts[:, None]
-            camera_points = layouts @ rotation[:, :, :2].swapaxes(-1, -2) + translation[:, None]
-            image = camera_points[..., :2] / camera_points[..., 2:]
-            return condition_number(_hartley(layouts), _hartley(image), softness)
+def _hartley(points: Array) -> tuple[Array, Pullback]:
+    """Hartley's normalized points (..., n, 2), and the pullback of a gradient with respect to them."""
+    center, scale = dlt.normalization(points)
+    centered = points - center
 
-        vjp, value = make_vjp(values, points)
-        return value, vjp
+    def pullback(gradient: Array) -> Array:
+        # The scale is sqrt(2 / s) with s the mean square of the centered points.
+        along = np.sum(gradient * centered, axis=(-2, -1), keepdims=True)
+        even = gradient - gradient.mean(axis=-2, keepdims=True)
+        return scale * even - along * scale**3 / (2 * points.shape[-2]) * centered
 
-
-def _hartley(points: Array) -> Array:
-    centered = points - anp.mean(points, axis=-2, keepdims=True)
-    mean_square = anp.mean(anp.sum(centered**2, axis=-1, keepdims=True), axis=-2, keepdims=True)
-    return centered * anp.sqrt(2 / mean_square)
-
-
-def _sum_to(array: Array, shape: tuple[int, ...]) -> Array:
-    extra = array.ndim - len(shape)
-    axes = tuple(range(extra)) + tuple(i + extra for i, size in enumerate(shape) if size == 1 != array.shape[i + extra])
-    return array.sum(axis=axes, keepdims=True).reshape(shape) if axes else array
+    return centered * scale, pullback

@@ -64,7 +64,7 @@ RESTARTS, RELIEF_STARTS, RANDOM = 8, 4, 25
 """Number of random starts of a search over all poses, in the plane and in space, and of random layouts beside it."""
 
 FEW_RESTARTS = 2
-"""Number of random starts up to which a search for c(A) is a descent, and one polish unless it needs autograd."""
+"""Number of random starts up to which a search for c(A) is descents and at most one polish."""
 
 RELIEFS = {"relief-20": 0.02, "relief-50": 0.05}
 """Heights in m available to control points."""
@@ -311,7 +311,7 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator, 
         return REGION.sample(RANDOM, n, rng)
     poses = poses_of(indices)
     if name == "hartley":
-        # autograd takes ten times as long as closed forms, and the optimum is degenerate for any set of poses.
+        # The optimum is degenerate for any set of poses.
         poses = fewer(poses)
         if restarts and restarts <= FEW_RESTARTS:
             # A quick look does not find how degenerate it is.

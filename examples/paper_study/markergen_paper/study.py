@@ -19,7 +19,6 @@ from markergen_paper.experiments import (
     CONDITIONED,
     DESCENT,
     EARLY,
-    FEW_RESTARTS,
     JOINT,
     LIMITS,
     METHODS,
@@ -52,11 +51,9 @@ TRIAL_S, SET_S, DESCENTS_S, DESCENT_S, STEPS = 1.5e-4, 0.007, 0.06, 8e-4, 70
 the descents of a cell together, and for each of them; number of steps of the displayed descent.
 """
 
-SEARCH_S = {"metric": 0.011, "unit": 0.011, "pixel": 0.042, "hartley": 0.01, "pose": 0.003, "homography": 0.004}
-AUTOGRAD_S, AUTOGRAD = 35.0, 2.5
-"""Seconds on one core for one pose of a search over many, by what is minimized, and for one that needs autograd; factor
-of descents that do. Ratios of all these constants count: on a slow processor cells of every kind take 1.2 to 1.8
-times as long, and forecasts follow what the first ones take.
+SEARCH_S = {"metric": 0.011, "unit": 0.011, "pixel": 0.042, "hartley": 0.05, "pose": 0.003, "homography": 0.004}
+"""Seconds on one core for one pose of a search over many, by what is minimized. Ratios of all these constants count: on
+a slow processor cells of every kind take 1.2 to 1.8 times as long, and forecasts follow what the first ones take.
 """
 
 CELL_S, SHORT_S = 25.0, 0.7
@@ -244,8 +241,7 @@ def seconds_of(cell: Cell) -> float:
     if cell.kind == DESCENT:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY:
-        factor = AUTOGRAD if settings["coordinates"] == "hartley" else 1
-        return factor * (DESCENTS_S + len(settings["poses"]) * settings["starts"] * DESCENT_S)
+        return DESCENTS_S + len(settings["poses"]) * settings["starts"] * DESCENT_S
     if cell.kind == METHODS:
         trials = 3 * settings["starts"] * settings["runs"]
         for_a_pose = trials * FURTHER_S + 2 * SET_S + settings["starts"] * DESCENT_S
@@ -256,8 +252,7 @@ def seconds_of(cell: Cell) -> float:
         return 2 * (DESCENTS_S + len(settings["poses"]) * settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     for_a_pose = SET_S / 2 + layouts * settings["runs"] * TRIAL_S + SEARCH_S.get(settings["layout"], 0.0)
-    needs_autograd = settings["layout"] == "hartley" and settings.get("restarts", RESTARTS) > FEW_RESTARTS
-    return len(settings["poses"]) * for_a_pose + AUTOGRAD_S * needs_autograd
+    return len(settings["poses"]) * for_a_pose
 
 
 def _early(options: PaperOptions) -> list[Cell]:
