@@ -525,4 +525,4 @@ def _tag_callout(marker: Marker) -> list[Callout]:
         f"black square {millimeters(side)} x {millimeters(side)}",
         f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
     )
-    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),))]
+    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),), area=((x, y, side / 2),))]

@@ -110,6 +110,8 @@ class Callout:
         Tolerances drawn below the lines.
     datum : str
         Letter of the datum that the feature is, attached to the last control.
+    area : tuple of (x, y, radius)
+        What else no leader should run over.
     """
 
     lines: tuple[str, ...]
@@ -117,6 +119,7 @@ class Callout:
     pitch: float = 0.0
     controls: tuple[Control, ...] = ()
     datum: str = ""
+    area: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ projection, which is used on American paper.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from math import hypot, radians, tan
 
 import numpy as np
@@ -253,8 +253,12 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     at_left = [callout for callout in work.callouts if _is_left(callout, view, (west + east) / 2, free, style)]
     flipped = [replace(callout, places=tuple((-x, y, r) for x, y, r in callout.places)) for callout in at_left]
     placed = _placed(flipped, _room(work.callouts, view, free, style, marks, avoided).mirrored()) if at_left else []
-    if not placed or max(best.cost for _, best in placed) >= HIT:
-        at_left, placed = [], []
+    if not placed or max(best.cost for _, best in placed) >= HIT or _penalty(placed):
+        room = _room(work.callouts, view, layout.callouts, style, marks, avoided)
+        beside = _placed([callout for callout in work.callouts if callout not in at_left], room) if placed else None
+        together = _placed(work.callouts, room) if beside else None
+        if not (placed and beside and together and _penalty([*placed, *beside]) < _penalty(together)):
+            at_left, placed = [], []
     for number, (callout, best) in enumerate(placed, 1):
         start = free[2] - callout_width(callout, style)
         tip, elbow, (_, level) = [(-x, y) for x, y in best.run]
@@ -456,12 +460,13 @@ SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
 MOST_PLACES = 12
 """Maximum number of identical features, nearest to the words first, to which a leader is tried."""
 
-HIT, CROSSED, BEND = 100.0, 300.0, 2.0
-"""Costs of a leader, as mm of length: crossing a feature or running along the axis, crossing a leader, and a bend."""
-
+HIT, OVER, CROSSED, BEND = 100.0, 30.0, 300.0, 2.0
+"""Costs of a leader, as mm of length: crossing a feature or running along the axis, crossing a line of a dimension or
+an edge, crossing a leader, and a bend. With 100 for lines as well, leaders run over tags and dots."""
 
 TRIES = 24
-"""Number of orders in which callouts choose their places; the one with the least cost is taken."""
+"""Number of orders in which callouts choose their places, until one has no leader over anything; in the best of them,
+any two are then exchanged."""
 
 LINES_APART = 1.75
 """Distance between lines of words, in cap heights."""
@@ -470,6 +475,7 @@ LINES_APART = 1.75
 @dataclass(frozen=True)
 class _Leader:
     cost: float
+    length: float
     run: tuple[Point, Point, Point]
     """Tip, elbow and end at the words."""
     top: float
@@ -504,7 +510,8 @@ def _room(
     callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box],
     lines: Sequence[Line],
 ) -> _Room:  # fmt: skip
-    circles = np.array([(*view.at((x, y)), view.scale * r) for callout in callouts for x, y, r in callout.places])
+    places = [place for callout in callouts for place in (*callout.places, *callout.area)]
+    circles = np.array([(*view.at((x, y)), view.scale * r) for x, y, r in places])
     segments = np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2)
     around_features = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
     return _Room(view, column, 1.4 * style.words, style, around_features, segments)
@@ -531,22 +538,37 @@ def place_callouts(callouts: Sequence[Callout], room: _Room) -> list[Shape]:
 def _placed(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts where their leaders are best; None if there is no room for one of them."""
     order = sorted(callouts, key=lambda callout: len(callout.places))
-    attempts: list[list[tuple[Callout, _Leader]]] = []
+    attempts: list[tuple[float, list[Callout], list[tuple[Callout, _Leader]]]] = []
     rng = np.random.default_rng(0)
     for number in range(TRIES):
         placed = _in_order(order, room)
         if placed is not None:
-            attempts.append(placed)
+            attempts.append((_cost(placed), order, placed))
             if max((best.cost for _, best in placed), default=0.0) < HIT:
-                break
+                return placed
             # What got the worst place chooses first the next time.
             order = [callout for callout, _ in sorted(placed, key=lambda pair: -pair[1].cost)]
         if placed is None or number > TRIES / 4:
             order = [callouts[k] for k in rng.permutation(len(callouts))]
-    if attempts and max((best.cost for _, best in attempts[-1]), default=0.0) >= HIT:
-        column_order = _stacked(callouts, room)
-        attempts += [column_order] if column_order else []
-    return min(attempts, key=lambda attempt: sum(best.cost for _, best in attempt), default=None)
+    if not attempts:
+        return None
+    least, order, placed = min(attempts, key=lambda attempt: attempt[0])
+    for k, j in list(combinations(range(len(order)), 2)):
+        exchanged = [order[{k: j, j: k}.get(n, n)] for n in range(len(order))]
+        other = _in_order(exchanged, room)
+        if other is not None and _cost(other) < least:
+            least, order, placed = _cost(other), exchanged, other
+    column_order = _stacked(callouts, room)
+    return min(placed, column_order or placed, key=_cost)
+
+
+def _cost(placed: Sequence[tuple[Callout, "_Leader"]]) -> float:
+    return sum(leader.cost for _, leader in placed)
+
+
+def _penalty(placed: Sequence[tuple[Callout, "_Leader"]]) -> float:
+    """What the cost of leaders is beside their length: for what they cross."""
+    return sum(leader.cost - leader.length for _, leader in placed)
 
 
 def _in_order(callouts: Sequence[Callout], room: _Room) -> list[tuple[Callout, "_Leader"]] | None:
@@ -594,7 +616,7 @@ def _direct(callout: Callout, room: _Room, top: float) -> "_Leader":
     away = max(hypot(elbow[0] - at[0], elbow[1] - at[1]), 1e-9)
     tip = at[0] + radius * (elbow[0] - at[0]) / away, at[1] + radius * (elbow[1] - at[1]) / away
     # Not chosen where anything else is possible.
-    return _Leader(CROSSED, (tip, elbow, end), top)
+    return _Leader(CROSSED, 0.0, (tip, elbow, end), top)
 
 
 def callout_width(callout: Callout, style: Style) -> float:
@@ -657,21 +679,21 @@ def _best(
             tip = at[0] + radius * (elbow - at[0]) / away, at[1] + radius * drop / away
             run = tip, (elbow, level), (end, level)
             length = away - radius + end - elbow + (BEND if number else 0.0)
-            candidates.append((length, _Leader(length, run, top), (*at, radius)))
+            candidates.append((length, _Leader(length, length, run, top), (*at, radius)))
     best: _Leader | None = None
     # What a leader hits is only looked for if it may still be the best: the shortest come first.
     for length, trial, circle in sorted(candidates, key=lambda candidate: candidate[0]):
         if best and length >= best.cost:
             break
         cost = length + HIT * _along_axis(trial.run, view) + CROSSED * _crossings(trial.run, runs)
-        cost += HIT * _hits(trial.run, room, circle)
+        cost += _hits(trial.run, room, circle)
         if best is None or cost < best.cost:
             best = replace(trial, cost=cost)
     return best
 
 
-def _hits(run: tuple[Point, Point, Point], room: _Room, circle: tuple[float, float, float]) -> int:
-    """Number of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
+def _hits(run: tuple[Point, Point, Point], room: _Room, circle: tuple[float, float, float]) -> float:
+    """Cost of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
     others = room.circles[np.any(np.abs(room.circles - circle) > 1e-6, axis=-1)]
     is_hit = np.zeros(len(others), dtype=bool)
     crossed = 0
@@ -684,7 +706,7 @@ def _hits(run: tuple[Point, Point, Point], room: _Room, circle: tuple[float, flo
         # Two segments cross where the ends of each are on both sides of the other.
         apart = _side(start, end, a) * _side(start, end, b) < 0
         crossed += int(np.sum(apart & (_side(a, b, start) * _side(a, b, end) < 0)))
-    return int(is_hit.sum()) + crossed
+    return HIT * int(is_hit.sum()) + OVER * crossed
 
 
 def _side(a: Array, b: Array, point: Array) -> Array:

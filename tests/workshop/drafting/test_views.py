@@ -13,6 +13,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
+from markergen.model.tag import Tag
 from markergen.workshop.drafting.pen import DARK, Lettering
 from markergen.workshop.drafting.views import drawing_area, front_page
 
@@ -167,6 +168,39 @@ def test_leaders_keep_off_dots_where_they_can():
     assert abs(level[1][0] - level[0][0]) > 100
     rows = {front.origin[1] + 500 * y for y in GRID[:, 1].tolist()}
     assert min(abs(row - level[0][1]) for row in rows) > 4.5
+
+
+def leaders(front):
+    """Both legs of each leader: the level one ends beside the words."""
+    words = [
+        bounds(shape) for shape in texts(front) if shape.name.endswith("-0") and shape.name[:4] in ("call", "left")
+    ]
+    runs = [shape.points for shape in front.shapes if isinstance(shape, Line) and len(shape.points) == 2]
+    level = [run for run in runs if run[0][1] == run[1][1]]
+    ends = []
+    for start, end in level:
+        west, east = sorted((start[0], end[0]))
+        heights = [(left - east, west - right) for left, low, right, high in words if low < start[1] < high]
+        if any(0 < apart < 2 for pair in heights for apart in pair):
+            ends.append((start, end))
+    return [(next(run for run in runs if run not in level and start in run), (start, end)) for start, end in ends]
+
+
+def test_leaders_cross_dimensions_rather_than_the_tag():
+    holes = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
+    points = [(0.03, 0.02), (-0.035, 0.018), (-0.01, -0.03), (0.036, -0.012), (0.0, 0.035)]
+    outline = Polygon((((-0.06, -0.055), (0.06, -0.055), (0.06, 0.055), (-0.06, 0.055)),))
+    tag = Tag("aruco:DICT_4X4_50", 7, 0.02)
+    marker = case(points, Circle(0.05), 0.012, tag, holes=holes, outline=outline)
+    front = front_of(marker, SheetOptions("A3-landscape"), process="cnc")
+    legs = np.array([leg for run in leaders(front) for leg in run]) - front.origin
+    assert len(legs) == 10
+    share = np.linspace(0, 1, 200)[:, None, None]
+    places = legs[:, 0] + share * (legs[:, 1] - legs[:, 0])
+    assert (np.abs(places).max(axis=2) > 9.9).all()
+    for (a, b), (c, d) in combinations(legs, 2):
+        sides = np.linalg.det([b - a, c - a]) * np.linalg.det([b - a, d - a])
+        assert sides >= -1e-6 or np.linalg.det([d - c, a - c]) * np.linalg.det([d - c, b - c]) >= -1e-6
 
 
 def test_words_about_features_on_the_left_stand_there_where_there_is_room():
