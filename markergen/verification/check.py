@@ -155,6 +155,12 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("twice", sentence, "remove one of both") for sentence in reading.twice]
+    findings += [
+        Finding("twice", f"page {k + 1} is page {j + 1} again", "leave one of both")
+        for k, page in enumerate(reading.pages)
+        for j, earlier in enumerate(reading.pages[:k])
+        if len(page.circles) and all(map(_are_close, (page.circles, page.corners), (earlier.circles, earlier.corners)))
+    ]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
     holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
@@ -195,6 +201,10 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         reading.papers or tuple(page.size for page in reading.pages),
         tolerance, (*findings, *of_copies), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
+
+
+def _are_close(first: Array, second: Array) -> bool:
+    return first.shape == second.shape and np.allclose(first, second, atol=1e-3)
 
 
 def with_tag(

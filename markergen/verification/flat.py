@@ -297,8 +297,11 @@ ALIKE = 0.85
 STRANGE = 0.3
 """Minimum difference from the ink, or from the paper, of what covers it, as a share of the contrast."""
 
-COVERED, INKED = {False: 0.003, True: 0.025}, 0.003
-"""Maximum share of a dot, by whether it was measured in pixels, and of its quiet zone that may be strange: rounding."""
+COVERED, INKED, PALE_INKED = {False: 0.003, True: 0.025}, 0.003, 0.006
+"""Maximum share of a dot, by whether it was measured in pixels, and of its quiet zone that may be strange: rounding.
+
+The last is that of pale ink: with 0.003 the edges of an outline beside a dot of 36 mm count.
+"""
 
 TINT = 16.0
 """Difference in grey levels of paper from white, in a file of paths, below which it is not filled."""
@@ -475,8 +478,9 @@ def _covers(
     if share > most:
         sentence = f"{100 * share:.2g} % of dot {name} is covered or missing"
         findings.append(Finding("covered", sentence, "remove what is drawn over it"))
-    inked = np.abs(np.nan_to_num(paper - ground)) > step
-    if inked.mean() > INKED:
+    away = np.abs(np.nan_to_num(paper - ground))
+    inked = away > (step if (away > step).mean() > INKED else UNSEEN)
+    if inked.mean() > (INKED if (away > step).mean() > INKED else PALE_INKED):
         x, y = places[inked].mean(axis=0)
         sentence = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
         findings.append(Finding("quiet", sentence, "keep a ring half a diameter wide around each dot free"))

@@ -20,7 +20,7 @@ from markergen.verification.rays import CHORDS, difference
 from markergen.verification.result import Check
 from markergen.verification.rims import Rims, dots_of
 from markergen.verification.solid_files import Solid
-from markergen.verification.wanted_solids import WantedSolid, wanted_dots
+from markergen.verification.wanted_solids import WantedSolid, size_of, wanted_dots
 from markergen.verification.words import (
     LENGTHS,
     MOST_LISTED,
@@ -83,7 +83,7 @@ def placements(solid: Solid, wanted: WantedSolid, kind: str) -> Iterator[Placeme
         if rotation[2, 2] < 1 - 1e-4:
             # The direction in the file of what is up in the view.
             yield Placement(_direction(rotation[2], kind), solid.mapped(rotation, np.zeros(3)))
-    sizes = [float(np.ptp(shell.corners.reshape(-1, 3), axis=0).max()) for shell in (solid.shell, wanted.shell)]
+    sizes = [size_of(shell.corners) for shell in (solid.shell, wanted.shell)]
     homes = ("m", "mm") if kind == "GLB" else ("mm",)
     for ratio, (mistake, remedy) in unit_mistakes(*homes, units=LENGTHS).items():
         if 1 / ROUGHLY < sizes[0] / sizes[1] / ratio < ROUGHLY:
@@ -233,8 +233,7 @@ def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolera
 
 def _unit(solid: Solid, wanted: WantedSolid) -> tuple[float, list[Finding]]:
     """Factor that undoes a wrong unit, 1 if there is none, and the finding about it."""
-    corners = [shell.corners.reshape(-1, 3) for shell in (solid.shell, wanted.shell)]
-    sizes = [float(np.linalg.norm(np.ptp(points, axis=0))) for points in corners]
+    sizes = [size_of(shell.corners) for shell in (solid.shell, wanted.shell)]
     ratio = sizes[0] / sizes[1]
     if not 0 < ratio < np.inf or abs(np.log(ratio)) < np.log(ROUGHLY) / 2:
         return 1.0, []

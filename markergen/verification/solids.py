@@ -17,6 +17,8 @@ from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.openings import openings
+from markergen.model.rig import Rig
+from markergen.model.substrate import Substrate
 from markergen.verification.findings import AGAIN, UNTAGGED, Verdict, extras, judge
 from markergen.verification.lines import line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.matching import ALIKE
@@ -72,8 +74,9 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     solid = _once(solid)
     if volume_of(solid.shell.corners) < 0:
         solid = replace(solid, flaws=(*solid.flaws, "it is inside out"))
-    recorded = _recorded(data)
+    recorded, thickness = _recorded(data)
     asked = settings.fabrication if recorded is None else recorded
+    usual, body = body, _as_thick(body, thickness)
     best = partial(best_wanted, asked=asked, recorded=recorded is not None, corners=solid.shell.corners,
                    bare=not solid.is_named)  # fmt: skip
     try:
@@ -82,10 +85,10 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         problem = Finding("no dots", f"another marker: this one cannot be made: {error}")
         return Check("", kind, findings=(problem,), tolerance=tolerance)
     # With a thicker plate, the nearest in volume may be of another process.
-    thicker = filter(None, (_as_thick(body, solid, wanted, 1e3 * tolerance) for wanted in choices))
-    if (marker := next(thicker, None)) is not None:
+    thicker = filter(None, (_thickness(body, solid, wanted, 1e3 * tolerance) for wanted in choices))
+    if (other := next(thicker, None)) is not None:
         with suppress(InputError, OutputError):
-            choices = [best(marker)[0], *choices]
+            choices = [best(_as_thick(body, other))[0], *choices]
     if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
         solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
@@ -107,9 +110,14 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     if not (several or kinds & WHOLLY or is_strange(check)) and (len(check.findings) > 1 or kinds & STRETCHED):
         check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
     notes = [*check.notes]
-    if wanted.body != body:
-        thickness, usual = (1e3 * design.plates[0].marker.substrate.thickness for design in (wanted.body, body))
-        notes.append(f"the plate is {thickness:.5g} mm thick, where marker.json says {usual:.6g} mm")
+    if wanted.body != usual:
+        sizes = (1e3 * design.plates[0].marker.substrate.thickness for design in (wanted.body, usual))
+        sentence = "the plate is {:.5g} mm thick, where marker.json says {:.6g} mm".format(*sizes)
+        if wanted.body == body:
+            notes.append(sentence)
+        else:
+            remedy = "export it again, or give the --thickness that export was given"
+            check = replace(check, findings=(Finding("thickness", sentence, remedy), *check.findings))
     elif {finding.kind for finding in check.findings} & {"hole", "outline", "extra"}:
         notes.append(
             "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
@@ -149,13 +157,17 @@ def _once(solid: Solid) -> Solid:
     return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"), solid.volumes)
 
 
-def _recorded(data: bytes) -> Fabrication | None:
-    """Options that a file records; None without any that are understood."""
+def _recorded(data: bytes) -> tuple[Fabrication | None, float | None]:
+    """Options that a file records, and the thickness of its plate in m; None without any that are understood."""
     match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
     try:
-        return Fabrication(**json.loads(match[1])) if match else None
+        record = json.loads(match[1]) if match else None
+        thickness = record and record.pop("thickness", None)
+        if thickness is not None:
+            Substrate(thickness=thickness)
+        return (None if record is None else Fabrication(**record)), thickness
     except (ValueError, TypeError, InputError):
-        return None
+        return None, None
 
 
 def _is_elsewhere(check: Check) -> bool:
@@ -228,12 +240,11 @@ def _aligned(solid: Solid, verdict: Verdict, wanted: Array | None, seen: Array |
     return solid.mapped(rotation, translation)
 
 
-def _as_thick(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> Marker | None:
-    """The marker on a plate as thick as in the file, which `export --thickness` makes; None if it is as usual."""
+def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> float | None:
+    """Thickness in m of the plate in a file, if it is another one and all else is as high."""
     heights = [shell.corners[:, :, 2] for shell in (solid.shell, wanted.shell)]
     (low, high), (usual_low, usual_high) = ((float(z.min()), float(z.max())) for z in heights)
-    marker = body.plates[0].marker
-    thickness = 1e3 * marker.substrate.thickness + usual_low - low
+    thickness = 1e3 * body.plates[0].marker.substrate.thickness + usual_low - low
     if (
         body.frame != "marker"
         or abs(usual_low - low) <= tol
@@ -241,7 +252,20 @@ def _as_thick(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> Mark
         or not 0.1 < thickness < 1e3
     ):
         return None
-    return replace(marker, substrate=replace(marker.substrate, thickness=round(thickness, 6) / 1e3))
+    return round(thickness, 6) / 1e3
+
+
+def _as_thick(body: Body, thickness: float | None) -> Body:
+    """The body on a plate of some thickness in m, as `export --thickness` makes it."""
+
+    def on_plate(marker: Marker) -> Marker:
+        return replace(marker, substrate=replace(marker.substrate, thickness=thickness))
+
+    if thickness is None:
+        return body
+    if isinstance(body, Rig):
+        return replace(body, markers=tuple(replace(plate, marker=on_plate(plate.marker)) for plate in body.markers))
+    return on_plate(body.plates[0].marker)
 
 
 @dataclass(frozen=True)

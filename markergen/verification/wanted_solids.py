@@ -36,6 +36,9 @@ CLOSE = 5e-4
 UNIT = 3.0
 """Ratio of the size of a file to that of its body beyond which it is in another unit."""
 
+FAR = 30.0
+"""Ratio of the distance of something far away to the mean distance of a solid's area from its middle."""
+
 BESIDE = 0.05
 """Distance in mm from the box around a solid beyond which what is there does not count for its volume."""
 
@@ -164,7 +167,8 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
 
     # What was asked for first, so that a damaged file is compared with it whatever its volume.
     order = sorted(choices, key=lambda choice: (choice[2] != asked, choice[1]))
-    rest = sorted(order[len(kinds) :], key=lambda choice: (off(choice[0]), choice[1]))
+    # Inlays that fill their pockets leave the volume as it is, but for rounding.
+    rest = sorted(order[len(kinds) :], key=lambda choice: (round(off(choice[0]), 9), choice[1]))
     for volume, number, fabrication, materials in [*order[: len(kinds)], *rest][:MOST_MADE]:
         wanted = wanted_solid(body, fabrication, materials)
         ranked.append((off(volume, area_of(wanted.shell.corners)), number, wanted))
@@ -225,11 +229,19 @@ def volume_of(corners: Array) -> float:
 
 
 def size_of(corners: Array) -> float:
-    """Largest side in mm of most of some triangles (m, 3, 3), whatever is far away from these."""
-    return max(float(np.ptp(np.quantile(corners.reshape(-1, 3), [0.1, 0.9], axis=0), axis=0).max()), 1e-12)
+    """Largest side in mm of some triangles (m, 3, 3), without what is far away from most of their area."""
+    areas = _areas(corners) + 1e-300
+    middle = np.average(corners.mean(axis=1), axis=0, weights=areas)
+    away = np.linalg.norm(corners - middle, axis=2).max(axis=1)
+    kept = corners[away <= FAR * np.average(away, weights=areas)]
+    return max(float(np.ptp(kept.reshape(-1, 3), axis=0).max()), 1e-12)
 
 
 def area_of(corners: Array) -> float:
     """Area in mm^2 of triangles (m, 3, 3)."""
+    return float(_areas(corners).sum())
+
+
+def _areas(corners: Array) -> Array:
     sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return float(np.linalg.norm(np.cross(*sides), axis=1).sum() / 2)
+    return np.asarray(np.linalg.norm(np.cross(*sides), axis=1) / 2)

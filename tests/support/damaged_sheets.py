@@ -6,11 +6,12 @@ and words that the first sentence of those kinds has.
 
 import ctypes
 import re
-from io import StringIO
+from io import BytesIO, StringIO
 
 import cv2
 import ezdxf
 import numpy as np
+import pypdfium2
 import pypdfium2.raw as raw
 from spoiled_files import png, rewritten
 
@@ -94,6 +95,10 @@ SVG = {
     "half covered": (with_rectangle(0, 16), "covered", "50 % of dot 2"),
     "speck": (
         on_dot(lambda dot, x, y: dot + f'<circle cx="{x + 9}" cy="{y}" r="1"/>'), "quiet", "quiet zone of dot 2"
+    ),
+    "pale speck": (
+        on_dot(lambda dot, x, y: dot + f'<circle cx="{x + 9}" cy="{y}" r="1" fill="#d0d0d0"/>'),
+        "quiet", "quiet zone of dot 2",
     ),
     "dots off": (layer_off("dots"), "hidden", "some shapes are hidden"),
     "tag off": (layer_off("tag"), "tag", "apriltag:36h11:3"),
@@ -186,7 +191,17 @@ def rectangle(level, alpha, left, bottom, width, height):
     return pages(change)
 
 
+def printed_twice(data):
+    """The PDF with its page again."""
+    document = pypdfium2.PdfDocument(data)
+    document.import_pages(pypdfium2.PdfDocument(data), [0])
+    document.save(out := BytesIO())
+    return out.getvalue()
+
+
 PDF = {
+    "page twice": (printed_twice, "twice", "page 2 is page 1 again"),
+    "pale speck": (rectangle(208, 255, 36, 12, 6, 6), "quiet", "quiet zone of dot 2"),
     "line across a dot": (rectangle(255, 255, -3, 12, 45, 0.6), "covered", "% of dot 2 is covered"),
     "speck in a dot": (rectangle(255, 255, 12, 12, 3, 3), "covered", "% of dot 2 is covered"),
     "watermark": (rectangle(0, 40, -900, -900, 2000, 2000), "extra", "the page is filled"),
@@ -329,7 +344,15 @@ def shrunk(levels):
     return cv2.resize(levels, None, fx=0.7071, fy=0.7071, interpolation=cv2.INTER_AREA)
 
 
+def specked(levels):
+    """A pale speck beside each dot, but not in the others."""
+    inked = cv2.dilate(255 - levels, np.ones((5, 5), np.uint8))
+    moved = np.roll(inked, inked.shape[1] // 200, axis=1)
+    return np.minimum(levels, np.where(moved > 128, 208, 255).astype(np.uint8))
+
+
 PNG = {
+    "pale shadow": (grey(specked), "quiet", "quiet zone of dot"),
     "inverted": (grey(lambda levels: 255 - levels), "inverted", "light and dark are swapped"),
     "resolution": (grey(lambda levels: levels, 72), "scaled", "scaled by 2.77"),
     "smaller paper": (grey(shrunk), "scaled", "scaled by 0.70"),

@@ -260,6 +260,8 @@ DAMAGES = {
     "half as high": Damage(
         "scaled", "scaled by 0.5 along z", MESHES, parts=every(np.diag([1, 1, 0.5])), process=SPHERES
     ),
+    "5 % higher": Damage("thickness", "the plate is 4.2 mm thick", MESHES, parts=every(np.diag([1, 1, 1.05]))),
+    "1 % flatter": Damage("thickness", "the plate is 3.96 mm thick", MESHES, parts=every(np.diag([1, 1, 0.99]))),
     "inches": Damage("scaled", "inch taken for mm", MESHES, parts=every(np.eye(3) / 25.4)),
     "meters": Damage("scaled", "m taken for mm", MESHES, parts=every(np.eye(3) / 1e3)),
     "printed at 98 %": Damage("scaled", "scaled by 0.98 along x and y", parts=every(0.98 * np.eye(3))),
@@ -317,13 +319,19 @@ def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     assert any(damage.phrase in text for text in sentences), check.findings
 
 
-@pytest.mark.parametrize("thickness", [3, 8, 20])
-def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path, thickness):
+@pytest.mark.parametrize("thickness", [3.5, 8, 20])
+def test_another_thickness_is_an_error_unless_it_is_recorded(marker, parts, tmp_path, thickness):
     """`export --thickness` makes such a plate, whose volume may be nearer to that of another process."""
     other = replace(marker, substrate=replace(marker.substrate, thickness=thickness / 1e3))
-    check = verify(marker, written(tmp_path / "a.stl", parts(other, FABRICATION, ".stl")))
-    assert check.passed
-    assert sentence("plate thickness", f"{thickness} mm", "4 mm") in check.notes
+    text = sentence("plate thickness", f"{thickness} mm", "4 mm")
+    path = written(tmp_path / "a.stl", parts(other, FABRICATION, ".stl"))
+    assert [finding.sentence for finding in verify(marker, path).findings] == [text]
+    assert verify(other, path).passed
+    save(other, [tmp_path / "b.stl", tmp_path / "b.glb"], ExportOptions(fabrication=Fabrication(engrave=False)))
+    for name in ("b.stl", "b.glb"):
+        check = verify(marker, tmp_path / name)
+        assert check.passed, check.findings
+        assert text in check.notes
 
 
 def test_options_of_a_plate_that_verify_lacks_are_asked_for(marker, parts, tmp_path):
