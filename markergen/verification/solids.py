@@ -257,12 +257,12 @@ def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> flo
 
 def _as_thick(body: Body, thickness: float | None) -> Body:
     """The body on a plate of some thickness in m, as `export --thickness` makes it."""
-
-    def on_plate(marker: Marker) -> Marker:
-        return replace(marker, substrate=replace(marker.substrate, thickness=thickness))
-
     if thickness is None:
         return body
+
+    def on_plate(marker: Marker, thick: float = thickness) -> Marker:
+        return replace(marker, substrate=replace(marker.substrate, thickness=thick))
+
     if isinstance(body, Rig):
         return replace(body, markers=tuple(replace(plate, marker=on_plate(plate.marker)) for plate in body.markers))
     return on_plate(body.plates[0].marker)
