@@ -77,9 +77,9 @@ child_frame_id translation rotation target_type tagRows tagCols tagSize tagSpaci
 rowSpacingMeters colSpacingMeters tag_bundles standalone_tags qw qx qy qz
 """
 READ_BY_PROGRAMS = frozenset(_READ.split())
-"""Names that change what a program makes of a file: of URDF and SDF, whose readers skip others, and of lists of points.
+"""Names that change what a program makes of a file: of URDF, whose readers skip others, and of lists of points.
 
-MuJoCo refuses what it does not know.
+MuJoCo refuses what it does not know, and of SDF all names are those of its specification.
 """
 
 Value = str | float | int | bool | None
@@ -491,7 +491,7 @@ def _tops(paths: Sequence[str]) -> list[str]:
 
 def _is_read(kind: str, paths: Sequence[str]) -> bool:
     """Tell whether programs read one of these paths."""
-    if kind == "MJCF":
+    if kind in ("MJCF", "SDF"):
         return True
     names = {part.split(" ")[0].rstrip("#") for path in paths for part in re.split(r"[/@]", path)[-2:]}
     last = {re.split(r"[/@]", path)[-1].split(" ")[0].rstrip("#") for path in paths}
