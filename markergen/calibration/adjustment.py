@@ -508,7 +508,7 @@ def normal_equations(
     moved = np.where(views.seen[..., None, None], moved, 0.0)
     v, n = views.seen.shape
     size, r = 3 * n if network.free else 0, len(network.freedom)
-    weighted, heavy, own = (information @ part for part in (rows, moved, dots))
+    weighted, heavy, heavy_dots = (information @ part for part in (rows, moved, dots))
     # All measurements of a view at once, and of all views: a product of matrices for each dot takes twice as long.
     of_view, of_all = weighted.reshape(v, 2 * n, 6).swapaxes(-1, -2), heavy.reshape(2 * v * n, r).T
     pose = of_view @ rows.reshape(v, 2 * n, 6)
@@ -522,9 +522,9 @@ def normal_equations(
     if size:
         cross[..., :size] = (weighted.swapaxes(-1, -2) @ dots).transpose(0, 2, 1, 3).reshape(v, 6, size)
         # Of each dot, all views at once.
-        of_dot, seen = (part.transpose(1, 3, 0, 2).reshape(n, 3, 2 * v) for part in (own, dots))
+        of_dot, by_dot = (part.transpose(1, 3, 0, 2).reshape(n, 3, 2 * v) for part in (heavy_dots, dots))
         index = np.arange(n)
-        rest[:size, :size].reshape(n, 3, n, 3)[index, :, index, :] = of_dot @ seen.swapaxes(-1, -2)
+        rest[:size, :size].reshape(n, 3, n, 3)[index, :, index, :] = of_dot @ by_dot.swapaxes(-1, -2)
         rest[:size, size:] = (of_dot @ moved.swapaxes(0, 1).reshape(n, 2 * v, r)).reshape(size, r)
         rest[size:, :size] = rest[:size, size:].T
         _, gradient, matrix = dots_prior(network, places)

@@ -84,9 +84,9 @@ def calibrated(request: Mapping[str, Any], photographs: bytes, progress: Progres
             path.write_bytes(data)
             paths.append(path)
         targets = [folder / "measured.json"] + [folder / "camera.yaml"] * (camera is None or covariance is not None)
-        known: dict[str, Any] = {} if covariance is None else {"camera_covariance": np.array(covariance)}
+        prior: dict[str, Any] = {} if covariance is None else {"camera_covariance": np.array(covariance)}
         # In this thread, which ends with whoever listens.
-        result = calibrate(what, paths, camera, save=targets, progress=progress, workers=1, **known)
+        result = calibrate(what, paths, camera, save=targets, progress=progress, workers=1, **prior)
         files = {path.name: path.read_text(encoding="utf-8") for path in targets}
     verdict, *sentences = map(str, result.parts())
     return {"verdict": verdict, "use": result.to_use, "sentences": sentences, "files": files}
