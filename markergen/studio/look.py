@@ -252,9 +252,9 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation": degrees(rms(rotation[mask])), "translation_mm": rms(translation[mask])}
     turned, moved = rms(rotation), rms(translation)
-    words = {"rotation": degrees(turned), "translation": millimeters(moved, float(poses.distance.max()))}
+    amounts = {"rotation": degrees(turned), "translation": millimeters(moved, float(poses.distance.max()))}
     seen = {"poses": len(poses), "dropped": poses.dropped, "missed": left_out(len(poses), poses.dropped)}
-    return {"rotation_deg": turned, "translation_mm": moved, **words, **seen, "hardest": hardest}
+    return {"rotation_deg": turned, "translation_mm": moved, **amounts, **seen, "hardest": hardest}
 
 
 def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:

@@ -159,11 +159,13 @@ def photographed(studio, options, count=8):
 @pytest.mark.parametrize("camera", [None, {"width": 640, "height": 480, "fx": 800, "fy": 800, "cx": 320, "cy": 240}])
 def test_photographs_calibrate_print_and_camera(studio, options, camera, tmp_path):
     asked, views = photographed(studio, options)
-    *stages, found = studio.post("calibrate", json.dumps({**asked, "camera": camera}).encode() + b"\n" + views).lines
+    *stages, calibration = studio.post(
+        "calibrate", json.dumps({**asked, "camera": camera}).encode() + b"\n" + views
+    ).lines
     assert stages[-1]["done"] == stages[-1]["total"]
-    assert "a pose error of" in found["verdict"]
-    assert list(found["files"]) == ["measured.json"] + ["camera.yaml"] * (camera is None)
-    for name, text in found["files"].items():
+    assert "a pose error of" in calibration["verdict"]
+    assert list(calibration["files"]) == ["measured.json"] + ["camera.yaml"] * (camera is None)
+    for name, text in calibration["files"].items():
         (tmp_path / name).write_text(text)
     assert mg.Marker.load(tmp_path / "measured.json").places_measured
     if camera is None:

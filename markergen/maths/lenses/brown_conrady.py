@@ -71,8 +71,9 @@ class RadialTangential(RadialModel):
         steepness = np.convolve(numerator + by_r, denominator) - np.convolve(numerator, by_r_below)
         loss = np.array([0.0, 6 * np.hypot(*self.tangential(coefficients))])
         lost = np.convolve(loss, denominator)
-        conditions = _less(steepness, np.convolve(lost, denominator)), _less(numerator, lost), denominator
-        return min(LARGEST_RADIUS, *(first_root(condition) for condition in conditions if len(condition) > 1))
+        less = np.polynomial.polynomial.polysub
+        conditions = less(steepness, np.convolve(lost, denominator)), less(numerator, lost), denominator
+        return min(LARGEST_RADIUS, *map(first_root, conditions))
 
 
 class Rational(RadialTangential):
@@ -90,14 +91,6 @@ def _even(coefficients: Coefficients) -> Array:
     """Convert the coefficients of a polynomial in r^2 to those of a polynomial in r."""
     result = np.zeros(2 * len(coefficients) - 1)
     result[::2] = coefficients
-    return result
-
-
-def _less(first: Array, second: Array) -> Array:
-    """Difference of two polynomials."""
-    result = np.zeros(max(len(first), len(second)))
-    result[: len(first)] = first
-    result[: len(second)] -= second
     return result
 
 

@@ -4,8 +4,6 @@
 
 import io
 import warnings
-from math import prod
-from typing import Any
 
 import numpy as np
 
@@ -18,25 +16,19 @@ from markergen.read.poses.rows import MOST_ROWS, RowsFile
 MAGIC = b"\x93NUMPY"
 MATRICES = {12: (3, 4), 16: (4, 4)}
 """Shapes of matrices [R t] by the count of their numbers, where a row has a matrix."""
-HEADERS: Any = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 def _array(data: bytes) -> Array | None:
-    """Array of numbers in a .npy file; None if it is something else, or has not as many as it claims."""
+    """Array of numbers in a .npy file; None if it is something else, or has fewer than it claims."""
     if not data.startswith(MAGIC):
         return None
-    stream = io.BytesIO(data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            version = np.lib.format.read_magic(stream)
-            shape, is_by_columns, dtype = HEADERS[version](stream, max_header_size=1000)
+            values = np.load(io.BytesIO(data), allow_pickle=False, max_header_size=1000)
     except Exception:  # The header is Python code, whose parsers raise a dozen kinds of errors on damaged text.
         return None
-    numbers = data[stream.tell() :]
-    if dtype.kind not in "fiu" or len(numbers) != prod(shape) * dtype.itemsize:
-        return None
-    return np.frombuffer(numbers, dtype).reshape(shape, order="F" if is_by_columns else "C").astype(float)
+    return values.astype(float) if values.dtype.kind in "fiu" else None
 
 
 def _is_poses(file: RowsFile) -> bool:

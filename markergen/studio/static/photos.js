@@ -8,14 +8,14 @@ const taken = [];
 background, as it does for a search. */
 export async function calibrate(subject, searching) {
   const files = taken.map(({ name, size }) => ({ name, size }));
-  const found = await searching("calibrate", new Blob([JSON.stringify({ ...(await subject()), files }), "\n", ...taken]));
-  if (!found) return;
-  const downloads = Object.entries(found.files).flatMap(([name, text]) =>
+  const calibration = await searching("calibrate", new Blob([JSON.stringify({ ...(await subject()), files }), "\n", ...taken]));
+  if (!calibration) return;
+  const downloads = Object.entries(calibration.files).flatMap(([name, text]) =>
     [make("button", { type: "button", click: () => save(new Blob([text]), name) }, `Download ${name}`), " "]);
   by("calibration").replaceChildren(
-    make("p", { class: !found.use && "fault" }, worded(found.verdict)), make("p", {}, downloads),
-    make("details", {}, make("summary", {}, "How it was found"), found.sentences.map((line) => make("p", {}, worded(line)))));
-  said(worded(found.verdict), !found.use);
+    make("p", { class: !calibration.use && "fault" }, worded(calibration.verdict)), make("p", {}, downloads),
+    make("details", {}, make("summary", {}, "How it was found"), calibration.sentences.map((line) => make("p", {}, worded(line)))));
+  said(worded(calibration.verdict), !calibration.use);
 }
 
 /* Take all photographs away, and what they measured. */

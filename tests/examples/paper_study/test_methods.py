@@ -62,5 +62,5 @@ def test_without_noise_poses_are_true(estimator):
 def test_from_the_truth_levenberg_marquardt_fits_no_worse_than_the_truth():
     seen = batch(6, 2.0)
     truth = (np.broadcast_to(each, (6, *each.shape[1:])) for each in (POSE.rotation, POSE.translation))
-    found = seen.reprojection_error(*seen.once(FromTruth(POSE.rotation, POSE.translation)).best)
-    assert np.all(found <= seen.reprojection_error(*truth))
+    error = seen.reprojection_error(*seen.once(FromTruth(POSE.rotation, POSE.translation)).best)
+    assert np.all(error <= seen.reprojection_error(*truth))

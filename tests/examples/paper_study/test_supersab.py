@@ -41,10 +41,10 @@ def test_both_routines_lower_c_and_stay_in_the_disk():
     objective = objective_for("metric", poses_of([25]))
     starts = REGION.sample(8, 5, np.random.default_rng(0))
     for options in ROUTINES.values():
-        found = descend_by_pose("metric", objective.setting.poses, starts[None], **options)
-        assert np.all(found.values[0] < objective(starts))
-        assert REGION.holds(found.points[0]).all()
-        assert found.values[0] == pytest.approx(objective(found.points[0]))
+        descent = descend_by_pose("metric", objective.setting.poses, starts[None], **options)
+        assert np.all(descent.values[0] < objective(starts))
+        assert REGION.holds(descent.points[0]).all()
+        assert descent.values[0] == pytest.approx(objective(descent.points[0]))
 
 
 def test_ours_does_not_depend_on_the_unit_of_the_objective():

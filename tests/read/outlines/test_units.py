@@ -58,9 +58,9 @@ def test_svg_without_a_unit_asks(write, refused, frame):
 
 
 def test_a_size_in_pixels_is_named(refused):
-    words = "a width of 200px is no length: px takes 96 for an inch"
-    assert words in refused(svg('<rect width="30" height="40"/>', 'width="200px" height="100px"'))
-    assert words not in refused(svg('<rect width="30" height="40"/>', 'viewBox="0 0 200 100"'))
+    hint = "a width of 200px is no length: px takes 96 for an inch"
+    assert hint in refused(svg('<rect width="30" height="40"/>', 'width="200px" height="100px"'))
+    assert hint not in refused(svg('<rect width="30" height="40"/>', 'viewBox="0 0 200 100"'))
 
 
 def test_the_users_unit_beats_the_files(write):
