@@ -15,8 +15,9 @@ are found by random variation.
 """
 # tests: tests/optimize/test_keyless.py tests/optimize/test_rig.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -460,10 +461,14 @@ def distinct_layout(
     """
     scale, n = region.boundary.radius, len(start)
 
-    def apart(layouts: Array) -> Array:
-        every = [affine_distance(layouts, rival) for rival in others] + [self_distance(layouts)]
-        every += [PARTLY * partial_distance(layouts, rival) for rival in others]
-        return np.min(every, axis=0)
+    measures: list[Callable[[Array], Array]] = [
+        self_distance,
+        *(partial(affine_distance, other=rival) for rival in others),
+        *(partial(_partly, other=rival) for rival in others),
+    ]
+
+    def apart(layouts: Array) -> float:
+        return float(min(measure(layouts[None])[0] for measure in measures))
 
     count = round(FIRST * largest / LARGEST)
     steps = rng.choice(np.geomspace(0.02, largest, 12), size=count)[:, None, None] * scale
@@ -472,7 +477,7 @@ def distinct_layout(
     pool = np.concatenate([pool, region.sample(count // 4, n, rng)])
     # The ring at each of the dots.
     pool = np.concatenate([pool, [np.roll(start, places, axis=0) for places in range(1, n)]])
-    best, rank = _ranked(pool, region, rough, apart, distance)
+    best, rank = _ranked(pool, region, rough, measures, distance)
     generations = round(GENERATIONS * np.log(largest / 2 / SMALLEST) / np.log(LARGEST / 2 / SMALLEST))
     sizes = np.geomspace(largest / 2, SMALLEST, generations) * scale
     for size in sizes:
@@ -482,32 +487,39 @@ def distinct_layout(
         moved = np.where(rng.random((CHILDREN, 1)) < 0.5, np.eye(n)[rng.integers(n, size=CHILDREN)], 1.0)
         children = parents + size * moved[..., None] * rng.normal(size=parents.shape)
         most = rank[-1, 0] if len(rank) == PARENTS else np.inf
-        fresh, fresh_rank = _ranked(children, region, rough, apart, distance, most)
+        fresh, fresh_rank = _ranked(children, region, rough, measures, distance, most)
         both, ranks = np.concatenate([best, fresh]), np.concatenate([rank, fresh_rank])
         order = np.lexsort(ranks.T[::-1])[:PARENTS]
         best, rank = both[order], ranks[order]
     layout = best[0]
     polished, _ = polish(objective, region, layout)
-    kept = region.holds(polished[None])[0] and apart(polished[None])[0] >= min(distance, apart(layout[None])[0])
+    kept = region.holds(polished[None])[0] and apart(polished) >= min(distance, apart(layout))
     return polished if kept else layout
+
+
+def _partly(layouts: Array, other: Array) -> Array:
+    return PARTLY * partial_distance(layouts, other)
 
 
 def _ranked(
     layouts: Array,
     region: FeasibleRegion,
     rough: Objective,
-    apart: Callable[[Array], Array],
+    measures: Sequence[Callable[[Array], Array]],
     distance: float,
     most: float = np.inf,
 ) -> tuple[Array, Array]:
     """Feasible layouts that lack `most` or less, the best `PARENTS`, with their ranks (k, 2): lack of distance, value.
 
-    Values take longer than distances: only those are computed that decide.
+    Measures of distance come in the order of their cost, and values take longer: only those are computed that decide.
     """
     layouts = region.project(layouts)
     layouts = layouts[region.holds(layouts)]
-    lack = np.maximum(distance - apart(layouts), 0.0)
-    nearest = np.argsort(lack, kind="stable")[: min(max(PARENTS, (lack == 0).sum()), (lack <= most).sum())]
+    lack = np.zeros(len(layouts))
+    for measure in measures:
+        lack = np.maximum(lack, distance - measure(layouts))
+        layouts, lack = layouts[lack <= most], lack[lack <= most]
+    nearest = np.argsort(lack, kind="stable")[: max(PARENTS, (lack == 0).sum())]
     rank = np.stack([lack[nearest], rough(layouts[nearest]) if len(nearest) else np.zeros(0)], axis=-1)
     order = np.lexsort(rank.T[::-1])[:PARENTS]
     return layouts[nearest[order]], rank[order]

@@ -82,7 +82,7 @@ def _least(layouts: Array, basis: Array, labelings: Indices, partly: bool = Fals
         part = slice(start, start + size)
         part_basis = basis if basis.ndim == 2 else basis[part]
         squares.append(_left(layouts[part], part_basis[..., labelings, :], partly).min(axis=-1))
-    return np.sqrt(np.maximum(np.concatenate(squares), 0) / (n - partly))
+    return np.sqrt(np.maximum(np.concatenate([np.zeros(0), *squares]), 0) / (n - partly))
 
 
 def _left(layouts: Array, coordinates: Array, partly: bool = False) -> Array:
@@ -96,24 +96,26 @@ def _left(layouts: Array, coordinates: Array, partly: bool = False) -> Array:
     """
     n = layouts.shape[1]
     centered = layouts - layouts.mean(axis=1, keepdims=True)
+    # Sums over two coordinates or a few dots are written out: reductions along short axes take most of the time.
     if coordinates.ndim == 3:
         # One product of large matrices.
-        rows, columns = coordinates.swapaxes(1, 2).reshape(-1, n), centered.swapaxes(0, 1).reshape(n, -1)
-        share = np.moveaxis((rows @ columns).reshape(-1, 2, len(layouts), 2), 2, 0)
+        rows, columns = coordinates.swapaxes(1, 2).reshape(-1, n), centered.transpose(1, 2, 0).reshape(n, -1)
+        share = (rows @ columns).reshape(-1, 2, 2, len(layouts)).transpose(1, 2, 3, 0)
     else:
-        share = np.einsum("bsnk,bnd->bskd", coordinates, centered)
-    left = np.sum(centered**2, axis=(1, 2))[:, None] - np.sum(share**2, axis=(-2, -1))
-    mirrored = share[..., 0, 0] * share[..., 1, 1] <= share[..., 0, 1] * share[..., 1, 0]
+        share = np.einsum("bsnk,bnd->kdbs", coordinates, centered)
+    (a, b), (c, d) = share = np.ascontiguousarray(share)
+    left = np.sum(centered**2, axis=(1, 2))[:, None] - (a * a + b * b + c * c + d * d)
+    left[a * d <= b * c] = np.inf
     if partly:
-        across, up = (
-            centered[:, None, :, d]
-            - coordinates[..., 0] * share[..., 0, d, None]
-            - coordinates[..., 1] * share[..., 1, d, None]
-            for d in (0, 1)
-        )
-        free = np.maximum(1 - 1 / n - np.sum(coordinates**2, axis=-1), 1e-9)
-        left = left - np.max((across * across + up * up) / free, axis=-1)
-    return np.where(mirrored, np.inf, left)
+        most = np.zeros_like(left)
+        for place in range(n):
+            x, y = coordinates[..., place, 0], coordinates[..., place, 1]
+            across = centered[:, None, place, 0] - x * a - y * c
+            up = centered[:, None, place, 1] - x * b - y * d
+            free = np.maximum(1 - 1 / n - (x * x + y * y), 1e-9)
+            np.maximum(most, (across * across + up * up) / free, out=most)
+        left -= most
+    return left
 
 
 def _nearest_distance(layouts: Array, other: Array) -> Array:
