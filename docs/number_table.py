@@ -89,7 +89,7 @@ FIGURES = {
     THEORY: Command("python -m docs.figures theory -o .", 20),
 }
 STUDY = "markergen study paper -o paper"
-STUDIED = Command(f"{STUDY} && cat paper/claims.md paper/joint.csv paper/claims.csv", 5000)
+STUDIED = Command(f"{STUDY} && cat paper/claims.md paper/joint.csv paper/claims.csv", 2200)
 
 
 SIDED = "--n 5 --dot 10mm --poses cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
