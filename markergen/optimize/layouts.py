@@ -5,6 +5,7 @@ They are what designs are compared with and starts of the search; packings say h
 # tests: tests/optimize/test_packing.py tests/optimize/test_regular.py
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -168,9 +169,14 @@ def _centers(region: FeasibleRegion) -> Array:
     """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
     if len(region.walls) == 1:
         return np.zeros((1, 2))
+    return np.stack([np.zeros(2), _widest(region.boundary)])
+
+
+@lru_cache(maxsize=8)
+def _widest(boundary: Boundary) -> tuple[float, float]:
+    """Center in m of the largest circle in a boundary, which takes half a second for outlines of hundreds of lines."""
     # A point is inside if an odd number of outlines enclose it.
-    inside = Region.odd(region.boundary.outlines())
-    return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
+    return Region.odd(boundary.outlines()).largest_circle(1e-4 * boundary.radius)
 
 
 def largest_diameter(

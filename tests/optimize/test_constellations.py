@@ -110,7 +110,7 @@ def test_a_pad_serves_its_range():
 
 def test_what_poses_see_is_drawn(tmp_path):
     path = tmp_path / "seen.svg"
-    design(n=4, radius="0.15m", poses="cone:distance=0.2..1m,count=30", restarts=1, coverage=path)
+    design(n=4, radius="0.15m", poses="cone:distance=0.2..1m,count=8", restarts=1, coverage=path)
     text = path.read_text()
     assert "dots in view" in text
     with pytest.raises(InputError, match="a picture"):

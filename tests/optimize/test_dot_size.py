@@ -245,7 +245,7 @@ def test_a_gap_that_no_dots_of_the_best_layout_need_is_none(monkeypatch):
     assert (free.gap.reason, free.spec.gap) == ("clearance", 0.0)
 
 
-@pytest.mark.parametrize("boundary", [Circle(0.08), PLATE], ids=["disk", "plate"])
+@pytest.mark.parametrize("boundary", [Circle(0.08), pytest.param(PLATE, marks=pytest.mark.long)], ids=["disk", "plate"])
 def test_a_design_of_which_nothing_else_is_said_keeps_images_of_dots_apart(boundary):
     spec = Spec(n=12, boundary=boundary, poses="cone:distance=0.8..1.2,tilt=0..60,count=12", restarts=1)
     found = design(spec)

@@ -38,7 +38,7 @@ ROOMS = {
 
 
 @pytest.mark.parametrize("room", ROOMS.values(), ids=ROOMS)
-@pytest.mark.parametrize("seconds", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("seconds", [0.0, 0.05, pytest.param(0.3, marks=pytest.mark.long)])
 def test_an_interrupted_search_returns_a_feasible_layout(room, seconds, setting):
     region = FeasibleRegion(room, 0.02, 0.002)
     objective = OBJECTIVES["pose"](Setting(room, setting.camera, named_poses("cone:count=48")))
@@ -52,15 +52,15 @@ def test_an_interrupted_search_returns_a_feasible_layout(room, seconds, setting)
 
 def test_many_dots_are_at_once_as_good_as_the_best_regular_layout(setting):
     region = FeasibleRegion(Circle(0.15), 0.012, 0.0012)
-    objective = OBJECTIVES["pose"](Setting(region.boundary, setting.camera, named_poses("cone:count=48")))
+    objective = OBJECTIVES["pose"](Setting(region.boundary, setting.camera, named_poses("cone:count=12")))
     with limited(TimeLimit(asked=True)):
-        optimum = search(objective, region, 60, np.random.default_rng(0))
-    layouts, _ = regular_layouts(region, 60)
+        optimum = search(objective, region, 30, np.random.default_rng(0))
+    layouts, _ = regular_layouts(region, 30)
     assert optimum.value == pytest.approx(objective(layouts).min())
 
 
 def test_what_is_found_in_a_given_time_is_marked(tmp_path):
-    path, poses = tmp_path / "marker.json", "cone:distance=0.6..1.5,tilt=0..70,count=60"
+    path, poses = tmp_path / "marker.json", "cone:distance=0.6..1.5,tilt=0..70,count=12"
     found = design(n=24, boundary="rect:0.3x0.2", poses=poses, time="0.01s", output=path, json=tmp_path / "out.json")
     assert found.interrupted > 0
     assert json.loads(path.read_text())["provenance"]["search"]["interrupted_s"] == found.interrupted

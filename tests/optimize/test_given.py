@@ -13,19 +13,21 @@ from markergen.optimize.problem import FeasibleRegion, breach, faults
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 
+FEW = "cone:distance=0.6..1.5m,tilt=0..60,count=8"
 SQUARE = "0mm,100mm; -100mm,0mm; 0mm,-100mm; 100mm,0mm"
 places = st.tuples(*[st.floats(-0.16, 0.16)] * 2)
 
 
 def test_a_design_given_its_own_points_is_the_same_marker() -> None:
-    searched = mg.design(n=4, radius="100mm", restarts=2).marker
-    again = mg.design(points=searched.xyz[:, :2], radius="100mm").marker
+    usual = {"radius": "100mm", "poses": FEW}
+    searched = mg.design(n=4, restarts=1, **usual).marker
+    again = mg.design(points=searched.xyz[:, :2], **usual).marker
     assert again.control_points == searched.control_points
 
 
 def test_points_are_taken_in_their_order_and_make_the_spec_another() -> None:
     turned = "100mm,0mm; 0mm,100mm; -100mm,0mm; 0mm,-100mm"
-    found, other = mg.design(points=SQUARE), mg.design(points=turned)
+    found, other = (mg.design(points=points, poses=FEW) for points in (SQUARE, turned))
     np.testing.assert_allclose(found.marker.xyz[:, :2] * 10, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-12)
     assert found.spec.hash != other.spec.hash
     stored = json.loads(json.dumps(found.marker.provenance["spec"]))
@@ -33,7 +35,7 @@ def test_points_are_taken_in_their_order_and_make_the_spec_another() -> None:
 
 
 def test_a_far_worse_layout_is_told() -> None:
-    narrow = mg.design(points="0mm,50mm; -20mm,0mm; 0mm,-50mm; 20mm,10mm", dot="10mm")
+    narrow = mg.design(points="0mm,50mm; -20mm,0mm; 0mm,-50mm; 20mm,10mm", dot="10mm", poses=FEW)
     assert any("a regular polygon has" in warning for warning in narrow.warnings)
 
 
@@ -78,12 +80,13 @@ def test_points_that_cannot_be_used_are_refused(options: dict[str, object], word
 
 
 def test_a_table_of_another_unit_and_a_markers_own_table(tmp_path) -> None:
-    marker = mg.design(n=4, radius="100mm", restarts=2, relief="20mm", output=[tmp_path / "m.csv"]).marker
-    own = mg.design(points=tmp_path / "m.csv", radius="100mm", relief="20mm").marker
+    usual = {"radius": "100mm", "relief": "20mm", "poses": FEW}
+    marker = mg.design(n=4, restarts=1, output=[tmp_path / "m.csv"], **usual).marker
+    own = mg.design(points=tmp_path / "m.csv", **usual).marker
     np.testing.assert_array_equal(own.xyz, marker.xyz)
     table = tmp_path / "inches.csv"
     table.write_text("name,y [in],x_mm\na,1,0\nb,0,-25.4\nc,-1,0\nd,0,25.4\n")
-    found = mg.design(points=str(table), radius="100mm").marker.xyz
+    found = mg.design(points=str(table), radius="100mm", poses=FEW).marker.xyz
     np.testing.assert_allclose(found[:, :2] / 0.0254, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-9)
     table.write_text("x_mm,y_mm\n1,2\n3\n")
     with pytest.raises(InputError, match="line 3"):

@@ -10,7 +10,7 @@ from markergen.model.spec import Spec
 from markergen.optimize import keyless
 from markergen.optimize.design import design, upright
 
-SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=0..60,count=12")
+SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=0..60,count=9")
 
 
 @pytest.fixture(autouse=True)
@@ -37,10 +37,10 @@ def test_the_layout_tells_the_labels():
 
 
 def test_the_key_ring_is_named_where_there_is_one():
-    found = design(Spec(n=4, restarts=2))
+    found = design(Spec(n=4, restarts=1, poses=SPEC.poses))
     assert "dot 0 is the key ring\n" in found.summary
     assert found.labels.px[0] == np.inf
-    assert design(Spec(n=4, dot=0.0, restarts=1)).labels is None
+    assert design(Spec(n=4, dot=0.0, restarts=1, poses=SPEC.poses)).labels is None
 
 
 def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):

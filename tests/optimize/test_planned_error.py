@@ -36,8 +36,8 @@ def test_a_relief_has_that_of_its_validation():
 
 
 def test_a_rig_has_that_of_its_validation():
-    poses = "sphere:distance=0.3..0.5,count=30"
-    rig = design_rig("cube", edge="80mm", n=4, restarts=1, poses=poses)
+    tags = {"tag": "aruco:DICT_4X4_50", "poses": "cone:distance=0.3..0.8m,tilt=0..60,count=12"}
+    rig = design_rig("pair", plate="100mm", n=4, restarts=1, **tags)
     headline = validate(rig.rig, runs=0, views=0).headline
     farthest = float(rig.poses.distance.max())
     plan = PlannedError(headline["rotation_deg"], headline["translation_mm"], farthest, exact="scale and calibration")

@@ -6,10 +6,13 @@ from markergen.optimize.layouts import polygons, regular_layouts
 from markergen.optimize.problem import FeasibleRegion
 
 
-@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (7, 30))])
-def test_every_layout_is_feasible(rooms, n):
-    for room in rooms.values():
-        region = FeasibleRegion(room, 0.01, 0.001)
+@pytest.mark.parametrize(
+    ("names", "n"),
+    [(("L", "two squares", "ring"), 4), *(pytest.param(None, n, marks=pytest.mark.long) for n in (4, 7, 30))],
+)
+def test_every_layout_is_feasible(rooms, names, n):
+    for name in names or rooms:
+        region = FeasibleRegion(rooms[name], 0.01, 0.001)
         layouts, count = regular_layouts(region, n)
         assert layouts.shape[1:] == (n, 2)
         assert region.holds(layouts).all()

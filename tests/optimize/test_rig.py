@@ -22,7 +22,7 @@ from markergen.objectives.base import Sight
 from markergen.optimize.constellations import Block, views_of
 from markergen.optimize.rig import RigSearch, best_views, plate_views
 
-QUICK = {"n": 4, "restarts": 1, "tag": "aruco:DICT_4X4_50:3", "poses": "cone:distance=0.3..0.8,tilt=0..60,count=30"}
+QUICK = {"n": 4, "restarts": 1, "tag": "aruco:DICT_4X4_50:3", "poses": "cone:distance=0.3..0.8,tilt=0..60,count=10"}
 SQUARE = 0.02 * np.array([[1, 1], [-1, 1.1], [-1, -1], [1, -1.2]])
 
 

@@ -8,6 +8,7 @@ from markergen.model.boundary import Circle, polygon_from
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
+from markergen.optimize import search as searching
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.constraints import MOST_WALLS, contacts
 from markergen.optimize.dot_size import choose_dots
@@ -21,16 +22,24 @@ def found(objective, room, n, seed=0, dot=0.02, **options):
     return search(objective, FeasibleRegion(room, dot, dot / 10), n, np.random.default_rng(seed), **options)
 
 
-@pytest.mark.parametrize(("n", "dot"), [(4, 0.036), pytest.param(8, 0.015, marks=pytest.mark.long)])
-def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
-    for name, room in rooms.items():
+TYPICAL = "L", "two squares", "drilled"
+"""A room with corners, one in several parts, and one with keep-outs; the other tests search in the rest."""
+
+
+@pytest.mark.parametrize(
+    ("names", "n", "dot"),
+    [(TYPICAL, 4, 0.036), *(pytest.param(None, n, dot, marks=pytest.mark.long) for n, dot in ((4, 0.036), (8, 0.015)))],
+)
+def test_constraints_hold_in_every_shape(rooms, criterion, names, n, dot):
+    for name in names or rooms:
+        room = rooms[name]
         points = found(criterion(room), room, n, dot=dot, restarts=1).points
         boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
         # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
-def test_what_is_raised_at_the_first_layouts_ends_the_search(criterion):
+def test_what_is_raised_at_the_first_layouts_ends_the_search(criterion, monkeypatch):
     room = polygon_from([np.array([[0, 0], [0.3, 0], [0.3, 0.1], [0, 0.1]])])
     stages, first = [], []
 
@@ -49,6 +58,8 @@ def test_what_is_raised_at_the_first_layouts_ends_the_search(criterion):
     assert set(stages) == {"exchange"}
     assert FeasibleRegion(room, 0.01, 0.001).holds(np.array(first)).all()
     stages.clear()
+    monkeypatch.setattr(searching, "HOPS", 4)
+    monkeypatch.setattr(searching, "FEWEST_HOPS", 2)
     end = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress)
     assert stages[-1] == "hops"
     assert end.value <= criterion(room)(first[0][None])[0] * (1 + 1e-6)
@@ -72,17 +83,17 @@ def test_seeds_agree_where_dots_nearly_fill_the_room(rooms, criterion):
     assert max(values) <= 1.005 * min(values)
 
 
-def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
+@pytest.mark.parametrize("dot", [0.036, *(pytest.param(dot, marks=pytest.mark.long) for dot in (0.01, 0.0))])
+def test_a_rectangle_is_no_worse_than_its_four_corners(setting, dot):
     boundary = polygon_from([np.array([[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]])])
     poses = setting.poses.seen_whole(boundary, setting.camera)
-    for seed, dot in enumerate((0.036, 0.01, 0.0)):
-        region = FeasibleRegion(boundary, dot, dot / 10)
-        objective = OBJECTIVES["pose"](Setting(boundary, setting.camera, poses))
-        rough = OBJECTIVES["pose"](Setting(boundary, setting.camera, fewer(poses)))
-        x, y = 0.1 - region.inset, 0.05 - region.inset
-        corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
-        optimum = search(objective, region, 4, np.random.default_rng(seed), rough=rough, restarts=1)
-        assert optimum.value <= objective(corners[None])[0] * (1 + 1e-9)
+    region = FeasibleRegion(boundary, dot, dot / 10)
+    objective = OBJECTIVES["pose"](Setting(boundary, setting.camera, poses))
+    rough = OBJECTIVES["pose"](Setting(boundary, setting.camera, fewer(poses)))
+    x, y = 0.1 - region.inset, 0.05 - region.inset
+    corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
+    optimum = search(objective, region, 4, np.random.default_rng(0), rough=rough, restarts=1)
+    assert optimum.value <= objective(corners[None])[0] * (1 + 1e-9)
 
 
 @pytest.mark.long
@@ -96,6 +107,8 @@ def test_it_finds_what_descents_find_in_a_disk(criterion):
 
 
 def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(criterion, monkeypatch):
+    monkeypatch.setattr(searching, "STARTS", 5)
+    monkeypatch.setattr(searching, "FINE_EDGE", 60)
     disk, shown, stages = Circle(0.15), [], []
     objective, region = criterion(disk), FeasibleRegion(disk, 0.01, 0.001)
     task = Stages(objective, objective, region, 25, lambda stage, *_: stages.append(stage), first=shown.append)
@@ -119,7 +132,14 @@ def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(
     assert len(shown) == 1
 
 
-@pytest.mark.parametrize(("name", "n"), [("rotation", 10), ("rotation", 16), ("homography", 16), ("homography", 20)])
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("rotation", 10),
+        ("homography", 16),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in (("rotation", 16), ("homography", 20))),
+    ],
+)
 def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
     # Descents from random layouts alone end 1 to 4 % above the polygon.
     objective = criterion(Circle(0.15), name)
@@ -132,23 +152,29 @@ def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
     assert optimum.value <= objective(polygon[None])[0] * (1 + 1e-6)
 
 
-def test_it_is_no_worse_than_what_it_is_compared_with(rooms, criterion):
-    for room, name in (("L", "rotation"), ("rectangle", "homography"), ("ring", "condition")):
-        region, objective = FeasibleRegion(rooms[room], 0.02, 0.002), criterion(rooms[room], name)
-        optimum = search(objective, region, 6, np.random.default_rng(0), restarts=1)
-        for setting in (None, objective.setting):
-            polygon = comparison_layouts(region, 6, setting=setting)["ngon"]
-            assert optimum.value <= objective(polygon)[0] * (1 + 1e-6)
+@pytest.mark.parametrize(
+    ("room", "name"),
+    [
+        ("L", "rotation"),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in (("rectangle", "homography"), ("ring", "condition"))),
+    ],
+)
+def test_it_is_no_worse_than_what_it_is_compared_with(rooms, criterion, room, name):
+    region, objective = FeasibleRegion(rooms[room], 0.02, 0.002), criterion(rooms[room], name)
+    optimum = search(objective, region, 6, np.random.default_rng(0), restarts=1)
+    for setting in (None, objective.setting):
+        polygon = comparison_layouts(region, 6, setting=setting)["ngon"]
+        assert optimum.value <= objective(polygon)[0] * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("name", ["condition", "homography"])
+@pytest.mark.parametrize("name", ["condition", pytest.param("homography", marks=pytest.mark.long)])
 def test_other_objectives_are_searched_as_well(rooms, criterion, name):
     room = rooms["L"]
     objective = criterion(room, name)
-    optimum = found(objective, room, 5, restarts=1)
+    optimum = found(objective, room, 4, restarts=1)
     region = FeasibleRegion(room, 0.02, 0.002)
     assert region.holds(optimum.points[None])[0]
-    sampled = objective(region.sample(200, 5, np.random.default_rng(1)))
+    sampled = objective(region.sample(200, 4, np.random.default_rng(1)))
     assert optimum.value < 0.7 * sampled.min()
 
 
@@ -198,7 +224,7 @@ def test_a_toothed_outline_costs_no_more_than_a_smooth_one(criterion):
     assert len(region.walls) == 400
     dots = region.sample(1, 12, np.random.default_rng(0))[0]
     assert len(contacts(region.walls, dots, region.inset, 0.1, -1.0).dot) <= 12 * MOST_WALLS
-    assert region.holds(found(criterion(gear), gear, 12, restarts=1).points[None])[0]
+    assert region.holds(found(criterion(gear), gear, 5, restarts=1).points[None])[0]
 
 
 @pytest.mark.long
@@ -212,7 +238,7 @@ def test_many_dots(rooms, criterion):
 
 
 def test_the_same_seed_gives_the_same_layout(rooms, criterion):
-    first, second = (found(criterion(rooms["star"]), rooms["star"], 6, restarts=2) for _ in range(2))
+    first, second = (found(criterion(rooms["star"]), rooms["star"], 5, restarts=1) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
 
 
@@ -243,7 +269,7 @@ def test_every_step_is_recorded(rooms, criterion):
     from markergen.optimize.trace import Recorder
 
     recorder, objective = Recorder(), criterion(rooms["L"])
-    optimum = found(objective, rooms["L"], 6, restarts=2, record=recorder)
+    optimum = found(objective, rooms["L"], 5, restarts=1, record=recorder)
     way = recorder.way(optimum.points)
     stages = [stage for stage, _ in way]
     assert stages[0] == "start"
