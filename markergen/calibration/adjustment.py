@@ -140,6 +140,9 @@ class Adjustment:
         UndeterminedError
             If the photographs do not determine the unknowns.
         """
+        if self.degrees_of_freedom < 0:
+            # Rounding may make a singular matrix appear to be a regular one.
+            raise UndeterminedError("photographs that determine every unknown")
         reduced, size = self.normal.reduced(), self.normal.dots
         weight = float(np.trace(reduced[:size, :size])) / size if size else 1.0
         gauge = np.zeros((len(reduced), 0))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration_sets import CAMERA, hand_held, printed
-from markergen.calibration import calibration
+from markergen.calibration import calibration, camera_choice
 from markergen.calibration.calibration import Calibration
 from markergen.calibration.network import Views
 from markergen.calibration.photos import PhotographedDots
@@ -77,4 +77,7 @@ def two_markers(calibrated, make_ngon) -> Calibration:
 @pytest.fixture(scope="module")
 def nominal(calibrated, make_ngon) -> Calibration:
     """Camera alone, the print taken as designed."""
-    return calibrated([make_ngon(9, 0.11, 0.02)], 8, calibration.Known(free=False), false=0)
+    with pytest.MonkeyPatch.context() as patched:
+        # The print is not as designed, for which all parameters of the camera would be tried together.
+        patched.setattr(camera_choice, "POOR_FIT", np.inf)
+        return calibrated([make_ngon(9, 0.11, 0.02)], 6, calibration.Known(free=False), false=0)

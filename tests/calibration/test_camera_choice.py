@@ -39,7 +39,7 @@ def test_the_base_set_is_kept_where_the_lens_needs_no_more():
 @pytest.mark.parametrize(
     ("camera", "joins", "n"),
     [
-        (replace(CAMERA, fy=808.0), ("fy",), 16),
+        (replace(CAMERA, fy=808.0), ("fy",), 9),
         pytest.param(_lens(-0.1, 0.05, 0.004, -0.003, 0.0), ("p1", "p2"), 16, marks=pytest.mark.long),
         pytest.param(_lens(-0.3, 0.15, 0.0, 0.0, -2.0), ("k3",), 30, marks=pytest.mark.long),
     ],

@@ -11,6 +11,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.quiver import Quiver
 from sentences import sentence
 
+from benchmarks.calibration_sets import CAMERA
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.calibration import Known
 from markergen.calibration.coverage import view_angles
@@ -300,6 +301,8 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
 @pytest.mark.parametrize(("factor", "doubted"), [(1.2, ""), (5.0, "not quite where"), (20.0, "not where")])
 def test_dots_that_are_held_and_do_not_fit_are_named(calibrated, make_ngon, monkeypatch, factor, doubted):
     monkeypatch.setattr(Adjustment, "variance_factor", property(lambda _: factor))
-    notes = calibrated([make_ngon(9, 0.11, 0.02)], 8, Known(free=False), false=0).notes
+    # With a camera that is nearly known, there is no choice of its parameters, which takes most of the time.
+    known = Known(CAMERA, np.diag([1.0, 1, 1, 1, *[1e-6] * 5]), free=False)
+    notes = calibrated([make_ngon(5, 0.11, 0.02)], 4, known, false=0).notes
     assert any(f"dots are {doubted} they were designed" in note for note in notes) == bool(doubted)
     assert any("where they were designed" in note for note in notes) == bool(doubted)

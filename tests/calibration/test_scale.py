@@ -40,7 +40,7 @@ def length(design, measured=1.0):
 
 
 def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
-    found = calibrated([design], 8, known(), false=0)
+    found = calibrated([design], 5, known(), false=0)
     assert share(found.markers[0]) == pytest.approx(0.002 / np.sqrt(2), rel=0.01)
     assert "to 0.2 % along x and y each, to 0.14 %" in found.scale_source
 
@@ -48,10 +48,10 @@ def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
 def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
     printed, _ = rescale_body(design, Rulers(1.001 * WIDE, 0.999 * WIDE))
     assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.001)
-    found = calibrated([printed], 8, known(), false=0)
+    found = calibrated([printed], 5, known(), false=0)
     assert share(found.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
     assert "known to 0.071 %" in found.scale_source
-    again = calibrated([by_rulers(found.markers[0])], 8, known(), false=0)
+    again = calibrated([by_rulers(found.markers[0])], 5, known(), false=0)
     assert share(again.markers[0]) == pytest.approx(share(found.markers[0]), rel=1e-3)
 
 
@@ -89,7 +89,7 @@ def test_a_length_over_the_outer_edges_is_told(design, tmp_path):
 
 
 def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design):
-    found = calibrated([design], 8, known(replace(length(design), sigma=1e-3)), false=0)
+    found = calibrated([design], 5, known(replace(length(design), sigma=1e-3)), false=0)
     assert sentence("scale doubted") + ", 0.14 %" in found.scale_source
 
 
@@ -99,7 +99,7 @@ def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_s
     doubts = {}
     for read in (1.003, 1.0, 1.012, 0.992):
         printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
-        found = calibrated([printed], 8, known(), false=0, made=[design])
+        found = calibrated([printed], 5, known(), false=0, made=[design])
         said = found.scale_source
         doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", said)
         assert "contradict" not in str(found.notes)
