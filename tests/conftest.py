@@ -22,6 +22,7 @@ from markergen.model.substrate import Substrate
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize import certificate
+from markergen.validation import expectation
 
 # What is to land is judged by the same examples every time; people at work get fresh ones.
 # How long it takes to draw one says how busy the machine is.
@@ -44,22 +45,23 @@ def pytest_collection_finish() -> None:
 
 QUICKLY = (
     "api/", "cli/", "contracts/", "model/", "read/", "studio/",
-    "optimize/test_d", "optimize/test_e", "optimize/test_g", "optimize/test_relief", "optimize/test_t",
+    "optimize/test_d", "optimize/test_e", "optimize/test_g", "optimize/test_p", "optimize/test_r", "optimize/test_t",
 )  # fmt: skip
-"""Tests of designs that are about other things than their labels and lower bounds."""
+"""Tests of designs that are about other things than their labels, lower bounds and sampled errors."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def designed_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Rivals of labels are sought in few poses, and bounds by few linear programs: most of the time of a small design.
+    """Rivals of labels are sought in few poses, bounds by few linear programs, and errors expected from few draws.
 
-    Bounds are valid after each of the programs.
+    That is most of the time of a small design and of its validation. Bounds are valid after each of the programs.
     """
     with pytest.MonkeyPatch.context() as patch:
         if f"{request.path.parent.name}/{request.path.stem}".startswith(QUICKLY):
             patch.setattr(perspective, "REPRESENTATIVE", 2)
             patch.setattr(perspective, "FITS", 1)
             patch.setattr(certificate, "ROUNDS", 2)
+            patch.setattr(expectation, "MOST_DRAWS", expectation.LEAST_DRAWS)
         yield
 
 

@@ -14,6 +14,8 @@ from markergen import __version__
 from markergen.cli import main
 from markergen.model.body_json import to_json
 
+FEW = ["--restarts", "1", "--poses", "cone:count=8"]
+"""Options that make a design quick."""
 SMALL = "validate marker.json --poses cone:count=20 --views 0 --workers 1"
 
 
@@ -54,7 +56,8 @@ def test_a_closed_standard_output_is_told(here, capsys, monkeypatch, command):
 
 
 def test_the_main_job(here, capsys):
-    assert main(["design", "--n", "5", "--radius", "0.15", "-o", "marker.pdf", "-o", "marker.svg", "--details"]) == 0
+    files = ["-o", "marker.pdf", "-o", "marker.svg"]
+    assert main(["design", "--n", "5", "--radius", "0.15", "--restarts", "1", *files, "--details"]) == 0
     said = capsys.readouterr().out
     assert names(here) == {"marker.pdf", "marker.svg", "marker.json"}
     for words in (
@@ -92,13 +95,13 @@ def test_the_same_seed_writes_the_same_bytes(here):
 
 
 def test_options_go_before_the_template(here, capsys):
-    assert main(["design", "--template", "desk-a4", "--n", "4", "--restarts", "1", "-o", "m.json"]) == 0
+    assert main(["design", "--template", "desk-a4", "--n", "4", *FEW, "-o", "m.json"]) == 0
     assert "4 control points in a disk" in capsys.readouterr().out
     assert names(here) == {"m.json"}
 
 
 def test_the_desk_template_fits_on_a4(here, capsys):
-    assert main(["design", "--template", "desk-a4", "--restarts", "1", "-o", "m.pdf"]) == 0
+    assert main(["design", "--template", "desk-a4", *FEW, "-o", "m.pdf"]) == 0
     assert "needs A4" in capsys.readouterr().out
 
 
@@ -116,12 +119,19 @@ def test_no_arguments_is_a_cry_for_help(capsys):
 
 def test_the_record_is_known_by_its_place_not_its_spelling(here, capsys):
     (here / "a").mkdir()
-    assert main(["design", "--n", "4", "--restarts", "1", "-o", "a/../p.svg", "-o", "p.json"]) == 0
+    assert main(["design", "--n", "4", *FEW, "-o", "a/../p.svg", "-o", "p.json"]) == 0
     assert names(here) == {"a", "p.svg", "p.json"}
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-@pytest.mark.parametrize("arguments", ["--help", "templates", "export marker.json -o m.svg"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param("--help", marks=pytest.mark.long),
+        pytest.param("templates", marks=pytest.mark.long),
+        "export marker.json -o m.svg",
+    ],
+)
 def test_a_full_standard_output_is_one_line(marker, arguments):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with Path("/dev/full").open("w") as full:
@@ -301,35 +311,42 @@ def test_a_reader_that_has_left_is_no_error():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    "arguments", ["validate marker.json --json r.json", "design --n 12 --objective condition -o m.pdf"]
-)
-def test_ctrl_c_ends_cleanly(marker, arguments):
+INTERRUPTED = {
+    "validate ../marker.json --json r.json": set(),
+    "design --n 12 --objective condition -o m.pdf": {"m.json", "m.pdf"},
+}
+"""Commands that take long, and what they write when they are interrupted: the best that a search has so far."""
+
+
+def test_ctrl_c_ends_cleanly(marker):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "markergen", *arguments.split()],
-        cwd=marker.parent, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    started = []
+    for arguments, files in INTERRUPTED.items():
+        folder = marker.parent / arguments.partition(" ")[0]
+        folder.mkdir()
+        command = [sys.executable, "-m", "markergen", *arguments.split()]
+        started.append((subprocess.Popen(command, cwd=folder, env=environment, **pipes), folder, files))
     time.sleep(3)
-    assert process.poll() is None, process.communicate()
-    # As a terminal does: to the whole group, workers included.
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=20)
-    # Python itself makes it the latter, which shells also call 130, if code in a string was running.
-    assert process.returncode in (130, -signal.SIGINT), err
-    assert "Traceback" not in err
-    # The best that a search has so far is written, whole, which is no error.
-    written = names(marker.parent) - {"marker.json"}
-    assert ("markergen: error: interrupted" in err.splitlines()) != bool(written)
-    assert ("search interrupted after" in out) == bool(written)
-    assert written in ([set(), {"m.json", "m.pdf"}] if arguments.startswith("design") else [set()])
-    assert ("wrote" in out) == bool(written)
-    # Nobody of the group is left: asking it for a sign of life fails.
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline and alive(process.pid):
-        time.sleep(0.1)
-    assert not alive(process.pid)
+    for process, folder, files in started:
+        assert process.poll() is None, process.communicate()
+        # As a terminal does: to the whole group, workers included.
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+        # Python itself makes it the latter, which shells also call 130, if code in a string was running.
+        assert process.returncode in (130, -signal.SIGINT), err
+        assert "Traceback" not in err
+        # What is written is written whole, which is no error.
+        written = names(folder)
+        assert ("markergen: error: interrupted" in err.splitlines()) != bool(written)
+        assert ("search interrupted after" in out) == bool(written)
+        assert written in (set(), files)
+        assert ("wrote" in out) == bool(written)
+        # Nobody of the group is left: asking it for a sign of life fails.
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline and alive(process.pid):
+            time.sleep(0.1)
+        assert not alive(process.pid)
 
 
 def alive(group: int) -> bool:
