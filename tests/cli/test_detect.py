@@ -6,7 +6,7 @@ import pytest
 from sentences import sentence
 
 from markergen.cli import main
-from markergen.model.body_json import read_marker
+from markergen.model.body_json import to_json
 from markergen.model.camera import Camera, Distortion
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view
@@ -24,16 +24,15 @@ distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, pentagon):
     """Marker, camera, two photos of it, an empty one, and a broken one."""
     folder = tmp_path_factory.mktemp("photos")
-    assert main(["design", "--n", "5", "--restarts", "2", "-o", str(folder / "marker.json")]) == 0
+    (folder / "marker.json").write_bytes(to_json(pentagon))
     (folder / "camera.yaml").write_text(CAMERA_INFO)
-    marker = read_marker(folder / "marker.json")
     (folder / "good").mkdir()
     for pose in (130, 250):
         rng = np.random.default_rng(pose)
-        image = render_view(marker, CAMERA, POSES.rotation[pose], POSES.translation[pose], Optics(), rng)
+        image = render_view(pentagon, CAMERA, POSES.rotation[pose], POSES.translation[pose], Optics(), rng)
         cv2.imwrite(str(folder / "good" / f"{pose}.png"), image)
     cv2.imwrite(str(folder / "empty.png"), np.full((480, 640), 200, np.uint8))
     (folder / "broken.png").write_bytes((folder / "good" / "130.png").read_bytes()[:3000])

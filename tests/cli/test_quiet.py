@@ -37,7 +37,9 @@ def test_quiet_keeps_errors_and_json(folder, monkeypatch, capfd):
     assert "desk-a4" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "latin-1"])
+@pytest.mark.parametrize(
+    "encoding", ["ascii", *(pytest.param(name, marks=pytest.mark.long) for name in ("cp1252", "latin-1"))]
+)
 def test_terminals_that_lack_letters_show_others_instead(encoding):
     done = subprocess.run(
         [sys.executable, "-m", "markergen", "templates"],
@@ -49,7 +51,7 @@ def test_terminals_that_lack_letters_show_others_instead(encoding):
 
 
 def test_a_terminated_command_leaves_no_file_half_written(tmp_path):
-    words = ["design", "--n", "12", "--restarts", "4000", "-o", "a.pdf"]
+    words = ["design", "--n", "12", "--restarts", "4000", "--poses", "cone:count=8", "-o", "a.pdf"]
     process = subprocess.Popen([sys.executable, "-m", "markergen", *words], cwd=tmp_path, stderr=subprocess.PIPE)
     time.sleep(2)
     process.send_signal(signal.SIGTERM)

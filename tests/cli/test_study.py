@@ -77,6 +77,7 @@ def test_a_full_disk_is_told_in_a_line(here, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
+    (here / "sweep.toml").write_text(BOUNDS.replace("[4, 5]", "[4]"))
     assert run("study sweep.toml -o out --workers 1", capsys)[0] == 0
     shutil.rmtree(here / "out" / "cells")
     monkeypatch.setattr("os.fsync", full)

@@ -9,7 +9,7 @@ from markergen.cli import main
 from markergen.model.body_json import read_marker
 from markergen.optimize.problem import breach
 
-QUICK = ["design", "--restarts", "1", "--radius", "60mm", "--dot", "20mm"]
+QUICK = ["design", "--restarts", "1", "--radius", "60mm", "--dot", "20mm", "--poses", "cone:count=8"]
 
 
 @pytest.fixture

@@ -47,7 +47,7 @@ def test_what_is_wrong_is_status_1(here, capsys):
     (here / "scaled.svg").write_text(
         text.replace('width="148mm"', 'width="147.852mm"').replace('height="210mm"', 'height="209.79mm"')
     )
-    assert main(["verify", "marker.json", "marker.svg", "scaled.svg", "other.svg"]) == 1
+    assert main(["verify", "marker.json", "marker.csv", "scaled.svg", "other.svg"]) == 1
     said = capsys.readouterr().out
     assert said.count("WRONG") == 2
     assert "scaled.svg: " + sentence("scaled", "0.999 along x and y") in said
@@ -64,7 +64,7 @@ def test_standard_output_is_json_alone(here, capsys):
     assert good["largest_m"] < 1e-8
     assert good["pages_mm"] == [pytest.approx([148, 210])]
     assert bad["findings"][0]["kind"] == "another marker"
-    assert main(["verify", "marker.json", "marker.svg", "--json", "found.json"]) == 0
+    assert main(["verify", "marker.json", "marker.csv", "--json", "found.json"]) == 0
     assert json.loads((here / "found.json").read_text())[0]["dots"] == 5
 
 
@@ -96,7 +96,7 @@ def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
 
 
 def test_the_others_are_verified_all_the_same(here, capsys):
-    assert main(["verify", "marker.json", "none.svg", "marker.svg"]) == 2
+    assert main(["verify", "marker.json", "none.svg", "marker.csv"]) == 2
     said = capsys.readouterr()
     assert "none.svg" in said.err
     assert "   ok\n" in said.out
