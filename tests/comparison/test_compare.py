@@ -22,7 +22,7 @@ from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
 from markergen.presentation.tables import number
 
-VIEWS = 20
+VIEWS, MANY = 8, 20
 FAR = "cone:distance=1.3..1.5m,count=20"
 """Poses whose images are small, for what is not about them."""
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5:0.75"]
@@ -48,8 +48,13 @@ def path(tmp_path_factory, pentagon):
 @pytest.fixture(scope="module")
 def results(path, few_tuning_views):
     calls = []
-    comparison = compare([path, *PEERS], views=VIEWS, workers=1, progress=lambda *call: calls.append(call))
+    comparison = compare([path, *PEERS], views=VIEWS, seed=1, workers=1, progress=lambda *call: calls.append(call))
     return SimpleNamespace(found=comparison, calls=calls)
+
+
+@pytest.fixture(scope="module")
+def many(path, few_tuning_views):
+    return compare([path, *PEERS], views=MANY, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +71,11 @@ def timed(path, few_tuning_views):
 
 
 @pytest.mark.long
-def test_ours_and_the_peers_are_told_apart(results):
-    first, *peers = results.found["contestants"]
-    assert (first["detected"], first["wrong"], first["flips"], first["failures"]) == (VIEWS, 0, 0, [])
+def test_ours_and_the_peers_are_told_apart(many):
+    first, *peers = many["contestants"]
+    assert (first["detected"], first["wrong"], first["flips"], first["failures"]) == (MANY, 0, 0, [])
+    # 400 poses: 0.0098 (20 of them, computed elsewhere).
+    assert first["pattern_bound"]["rotation_deg"] == pytest.approx(0.0098, rel=0.15)
     # Measured over 200 views: 0.0095 deg and 0.0022 %; single frontal views reach 0.05 deg.
     assert first["rotation_deg"]["rms"] <= 0.03
     assert first["translation_pct"]["rms"] <= 0.04
@@ -94,7 +101,7 @@ def test_four_times_as_accurate_as_the_best_peer(path):
 def test_with_the_same_refiner_every_pattern_is_near_its_bound(results):
     for entry in results.found["contestants"]:
         fit, bound = entry["photometric"]["rotation_deg"], entry["photometric"]["bound"]["rotation_deg"]
-        # 20 views of three components; a few frontal ones have most of the squares.
+        # A few views of three components, of which frontal ones have most of the squares.
         assert 0.5 < fit["rms"] / bound < 1.6
         assert fit["count"] == entry["rotation_deg"]["count"]
     assert all(
@@ -105,8 +112,7 @@ def test_with_the_same_refiner_every_pattern_is_near_its_bound(results):
 
 def test_patterns_have_their_bound_and_their_ink(results):
     dots, *peers = results.found["contestants"]
-    # 400 poses: 0.0098 (20 of them, computed elsewhere) for five dots, more for tags, less for a board.
-    assert dots["pattern_bound"]["rotation_deg"] == pytest.approx(0.0098, rel=0.15)
+    # More for tags than for five dots, less for a board.
     aruco, april, charuco = (each["pattern_bound"]["rotation_deg"] for each in peers)
     assert charuco < dots["pattern_bound"]["rotation_deg"] < april < aruco
     for entry in results.found["contestants"]:
