@@ -43,6 +43,13 @@ def test_foreign_text_stays_text(html):
     assert text.count("&lt;script&gt;alert(&#34;x&#34;)") >= 4
 
 
+def test_same_results_give_the_same_words(results, hostile, few, pictures, budget, undrawn):
+    page = html_report(results, hostile, few, pictures, budget)
+    assert html_report(results, hostile, few, pictures, budget) == page
+
+
+# Of a single plot, tests/presentation/test_plots.py proves the same.
+@pytest.mark.long
 def test_same_results_give_the_same_page_whatever_the_settings_of_matplotlib(
     html, results, hostile, few, pictures, budget
 ):
