@@ -14,7 +14,7 @@ def quick():
     return {"poses": "cone:count=20", "runs": 20, "views": 4, "workers": 1}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def proved(pentagon, quick):
     """A validation with trials and views, and the progress that was told."""
     calls = []

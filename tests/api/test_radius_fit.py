@@ -119,7 +119,10 @@ def test_what_cannot_fit_is_said():
         design(radius="fits")
 
 
-@pytest.mark.parametrize(("locale", "paper"), [("de_DE.UTF-8", "A4"), ("en_US.UTF-8", "letter"), ("C", "A4")])
+@pytest.mark.parametrize(
+    ("locale", "paper"),
+    [("de_DE.UTF-8", "A4"), ("en_US.UTF-8", "letter"), pytest.param("C", "A4", marks=pytest.mark.long)],
+)
 def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, paper):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LC_ALL", locale)

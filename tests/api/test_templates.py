@@ -12,7 +12,7 @@ from markergen.model.rig import planned_print
 from markergen.read.templates import read_template, shipped_templates
 
 FOUND = {template.name: template for template in overview().templates}
-QUICK = "instrument-plate"
+QUICK = "desk-a4"
 PAGE = (Path(__file__).parents[2] / "docs" / "templates.md").read_text()
 
 
@@ -36,7 +36,8 @@ def test_it_is_designed_found_and_exported(name, tmp_path):
     flat, solid = not getattr(target, "height", 0), name != "thermal"  # Light dots are not made as solids.
     process = {"process": values["process"]} if "process" in (values := read_template(name)) else {}
     one_page = flat and name not in ("landing-pad", "wall")
-    for suffix in (".pdf",) * flat + (".svg",) * one_page + (".step",) * solid:
+    # Of the quick one, other formats are verified by the tests of their exporters.
+    for suffix in (".pdf",) * flat + ((".svg",) * one_page + (".step",) * solid) * (name != QUICK):
         path = tmp_path / f"made{suffix}"
         mg.export(target, path, **process)
         assert mg.verify(target, path).passed, suffix

@@ -62,7 +62,7 @@ def test_displacements_scatter_as_measured(make_ngon):
 def test_weights_and_covariance_of_the_pose(make_ngon):
     marker = measured(make_ngon(8, 0.15, 0.03), every=2)
     nees, plain, chi2, plain_chi2 = [], [], [], []
-    for pose in range(400):
+    for pose in range(0, 400, 2):
         rng = np.random.default_rng([3, pose])
         R, t = POSES.rotation[pose], POSES.translation[pose]
         errors = ErrorSources(1e-4)
@@ -74,7 +74,7 @@ def test_weights_and_covariance_of_the_pose(make_ngon):
             error = np.concatenate([logarithm(found.rotation @ R.T), found.translation - t])
             told.append(error @ np.linalg.solve(found.budget.total, error))
             residual.append(found.chi2)
-    # Means of 400 of chi2 with 6 and 10 degrees of freedom scatter by 0.17 and 0.22: four times that.
+    # Means of 200 of chi2 with 6 and 10 degrees of freedom scatter by 0.24 and 0.32: three times that.
     assert abs(np.mean(nees) - 6) < 0.7
     assert abs(np.mean(chi2) - 10) < 0.9
     # Without that knowledge the residuals are too large, and the covariance that they enlarge is still too small.
