@@ -10,6 +10,7 @@ from markergen.exporters.saving import save
 from markergen.model.boundary import polygon_from
 from markergen.model.feature import Feature
 from markergen.objectives.criteria import regular_polygon
+from markergen.verification import rays
 
 DPI = 300
 """Of the sheets of pixels: a quarter of what 600 take, in memory and time."""
@@ -52,3 +53,14 @@ def files(markers, tmp_path_factory):
         return path
 
     return get
+
+
+@pytest.fixture(autouse=True)
+def few_rays(request, monkeypatch):
+    """Compare solids along a sixth of the usual rays, except in `make test-long` and in tests of the rays themselves.
+
+    What is finer than their distance is looked for triangle by triangle, with few rays as with many.
+    """
+    if request.path.stem != "test_rays" and not request.node.get_closest_marker("long"):
+        for name, value in (("RAYS", 160), ("LAYERS", 30), ("FINEST", 0.4)):
+            monkeypatch.setattr(rays, name, value)

@@ -20,7 +20,7 @@ from markergen.verification.reading import Settings
 from markergen.workshop.formats.solids import solids_of, write_step
 from markergen.workshop.processes import parts_of
 
-FABRICATION = Fabrication(engrave=False, foot=0.0, tolerance=1e-5)
+FABRICATION = Fabrication(engrave=False, foot=0.0, tolerance=5e-5)
 MESHES, NAMED = (".stl", ".3mf", ".glb"), (".3mf", ".glb")
 EVERY, CAD = (*MESHES, ".step"), (".step",)
 
@@ -131,7 +131,7 @@ def clear(text):
 TURNED = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 OVER = np.diag([1, -1, -1])
 LEANING = [[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]]
-SPHERES = Fabrication("dome", engrave=False, tolerance=1e-5)
+SPHERES = Fabrication("dome", engrave=False, tolerance=5e-5)
 
 
 def middle(part):
