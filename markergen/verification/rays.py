@@ -9,7 +9,7 @@ far away, are looked for one by one on the surface of the other solid.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,28 +292,27 @@ def _counted(number: Indices) -> tuple[Indices, Indices]:
 
 def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     """Tell which triangles (m, 3, 3) have their middle on others (n, 3, 3) that face the same side."""
+    import shapely
+
     middles, normals = triangles.mean(axis=1), _normals(triangles)
     lies, facing = np.zeros(len(triangles), bool), _normals(surface)
     # A needle of a triangle has no side.
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
     low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
-    orders = np.argsort(middles, axis=0, kind="stable")
-    sides: tuple[tuple[Array, Literal["left", "right"]], ...] = ((low, "left"), (high, "right"))
-    ends = np.array([
-        [np.searchsorted(middles[order, axis], bound[:, axis], side) for bound, side in sides]
-        for axis, order in enumerate(orders.T)
-    ])  # fmt: skip
-    numbers = ends[:, 1] - ends[:, 0]
-    # Along the axis on which the fewest of the middles may be its own.
-    best = np.argmin(numbers, axis=0)
-    number, start = numbers.min(axis=0), np.take_along_axis(ends[:, 0], best[None], axis=0)[0]
-    group = np.cumsum(number) // MOST_ROWS
-    for chunk in np.split(np.arange(len(surface)), np.flatnonzero(np.diff(group)) + 1):
-        which, place = _counted(number[chunk])
-        other = chunk[which]
-        index = orders[place + start[other], best[other]]
-        close = ((middles[index] >= low[other]) & (middles[index] <= high[other])).all(axis=1) & ~lies[index]
+    finite = np.flatnonzero(np.isfinite(middles).all(axis=1))
+    tree = shapely.STRtree(shapely.points(middles[finite, :2]))
+    # At most as many pairs as middles within the bounds of a triangle along x or y.
+    number = np.min([
+        np.searchsorted(places, high[:, axis], "right") - np.searchsorted(places, low[:, axis], "left")
+        for axis, places in enumerate(np.sort(middles[finite, :2], axis=0).T)
+    ], axis=0)  # fmt: skip
+    near = np.flatnonzero(number)
+    group = np.cumsum(number[near]) // MOST_ROWS
+    for chunk in np.split(near, np.flatnonzero(np.diff(group)) + 1):
+        which, index = tree.query(shapely.box(*low[chunk, :2].T, *high[chunk, :2].T))
+        index, other = finite[index], chunk[which]
+        close = (middles[index, 2] >= low[other, 2]) & (middles[index, 2] <= high[other, 2]) & ~lies[index]
         index, other = index[close], other[close]
         same = is_thin[index] | (np.einsum("ij,ij->i", normals[index], facing[other]) > 0)
         index, other = index[same], other[same]
