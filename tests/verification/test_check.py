@@ -24,12 +24,19 @@ from markergen.verification.reading import Settings
 DPI = 300
 NAMES = ("4", "5", "5 alike", "5 skew", "12", "L", "L alike")
 SUFFIXES = (".svg", ".pdf", ".dxf", ".png")
-SOME = ("5 alike", "12", "L alike")
+CORE = {
+    "4": ".pdf", "5": ".dxf", "5 alike": ".svg", "5 skew": ".pdf", "12": ".png", "L": ".pdf", "L alike": ".svg",
+}  # fmt: skip
 
 
 def case(name, suffix, *more):
-    """In the core are of all markers the files that are read fastest, and of three every file."""
-    return pytest.param(name, suffix, *more, marks=() if suffix == ".pdf" or name in SOME else pytest.mark.long)
+    """In the core is one file of each marker, and a marker in each format."""
+    return pytest.param(name, suffix, *more, marks=() if CORE[name] == suffix else pytest.mark.long)
+
+
+def some(*values, core=1):
+    """Values of which the core has the first."""
+    return [*values[:core], *(pytest.param(value, marks=pytest.mark.long) for value in values[core:])]
 
 
 FILES = [case(name, suffix) for name in NAMES for suffix in SUFFIXES]
@@ -71,8 +78,10 @@ def test_what_was_exported_is_right(markers, files, name, suffix):
     np.testing.assert_allclose(check.scale, 1, atol=2e-5 if suffix != ".png" else 2e-4)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.03])
-@pytest.mark.parametrize("dpi", [150, 300])
+@pytest.mark.parametrize(
+    ("share", "dpi"),
+    [(0.1, 150), (0.03, 300), *(pytest.param(*pair, marks=pytest.mark.long) for pair in [(0.1, 300), (0.03, 150)])],
+)
 def test_neighbors_in_a_crowd_of_pixels_do_not_spoil_each_other(make_marker, tmp_path, share, dpi):
     # Hexagonal packing: every inner dot has six neighbors at a gap of that share of its diameter.
     pitch = 0.012 * (1 + share)
@@ -86,7 +95,7 @@ def test_neighbors_in_a_crowd_of_pixels_do_not_spoil_each_other(make_marker, tmp
     assert check.largest < (0.3e-6 if share * 12 / 25.4 * dpi > 4 else check.tolerance / 3)
 
 
-@pytest.mark.parametrize("dpi", [100, 150, pytest.param(300, marks=pytest.mark.long)])
+@pytest.mark.parametrize("dpi", some(100, 150, 300))
 def test_a_tag_as_large_as_the_dots_is_no_dot(make_ngon, tmp_path, dpi):
     marker = make_ngon(6, 0.09, 0.036)
     for side in (0.028, 0.03, 0.036):
@@ -98,7 +107,7 @@ def test_a_tag_as_large_as_the_dots_is_no_dot(make_ngon, tmp_path, dpi):
         assert check.passed, check.findings
 
 
-@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".dxf", ".step"])
+@pytest.mark.parametrize("suffix", some(".dxf", ".step", ".pdf", ".svg", core=2))
 def test_what_is_drawn_of_a_measured_marker_is_the_design(make_ngon, tmp_path, suffix):
     marker = make_ngon(5, 0.05, 0.012)
     dots = tuple(MeasuredDot(p.id, 0.993 * p.x, 0.995 * p.y) for p in marker.control_points)
@@ -125,7 +134,7 @@ def test_a_list_of_points_with_another_tag_is_wrong(make_ngon, tmp_path, suffix,
         assert {"tag", "extra"} & set(kinds(check)), check.findings
 
 
-@pytest.mark.parametrize("paper", ["240x245mm", "A4", "letter-landscape"])
+@pytest.mark.parametrize("paper", some("240x245mm", "A4", "letter-landscape"))
 def test_the_picture_of_a_plan_is_not_taken_for_the_marker(make_ngon, tmp_path, paper):
     # Larger than a page leaves room for by so little that the picture could have nearly its size.
     marker = make_ngon(6, 0.09, 0.036)
@@ -184,8 +193,8 @@ def test_a_missing_dot_is_named(markers, spoiled, name, suffix):
 @pytest.mark.parametrize(
     ("name", "other", "suffix"),
     [
-        pytest.param(*pair, suffix, marks=() if suffix == ".pdf" or pair in OTHERS[1::2] else pytest.mark.long)
-        for pair in OTHERS
+        pytest.param(*pair, suffix, marks=() if SUFFIXES[k % len(SUFFIXES)] == suffix else pytest.mark.long)
+        for k, pair in enumerate(OTHERS)
         for suffix in SUFFIXES
     ],
 )
@@ -329,7 +338,7 @@ def test_holes_as_many_and_as_large_as_the_dots_are_no_marker(make_ngon, tmp_pat
     assert (kinds(check), check.dots, check.copies) == ([], 6, 1)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", some(".pdf", ".dxf", ".png", ".svg", core=3))
 def test_the_tag_is_looked_at(markers, tmp_path, suffix):
     tag = Tag("apriltag:36h11", 3, 0.02)
     marker = replace(markers["5"], tag=tag)

@@ -184,8 +184,15 @@ def test_every_marker_is_found_on_its_page(tmp_path):
     assert re.fullmatch(r"plate \d/\d", json.loads(path.read_text())[0]["worst_dot"])
 
 
-@pytest.mark.parametrize("rig", [CUBE, WALL], ids=["block", "plates"])
-@pytest.mark.parametrize(("name", "offset"), [("on the face", 1.0), ("inside", -20.0)])
+@pytest.mark.parametrize(
+    ("rig", "name", "offset"),
+    [
+        pytest.param(CUBE, "on the face", 1.0, id="on a block"),
+        pytest.param(WALL, "inside", -20.0, id="behind plates"),
+        pytest.param(CUBE, "inside", -20.0, id="inside a block", marks=pytest.mark.long),
+        pytest.param(WALL, "on the face", 1.0, id="on a plate", marks=pytest.mark.long),
+    ],
+)
 def test_what_belongs_to_no_plate_is_extra(rig, tmp_path, name, offset):
     (path,) = written(rig, tmp_path, ".stl")
     mesh = trimesh.load(path)

@@ -75,7 +75,7 @@ def test_columns_may_stand_elsewhere_and_words_may_be_others(marker, sheets, tmp
     assert not check_of(marker, tmp_path, ".svg", moved("check-x-0", "0 4")(text).encode()).passed
 
 
-@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
+@pytest.mark.parametrize("suffix", [".pdf", pytest.param(".svg", marks=pytest.mark.long)])
 def test_plates_of_a_rig_with_their_names_pass(tmp_path, suffix):
     rig = mg.Rig.load(INPUTS / "cube.json")
     save(rig, [tmp_path / f"cube{suffix}"])

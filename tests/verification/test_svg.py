@@ -129,7 +129,10 @@ def test_a_sheet_passes_with_black_in_any_form_and_white_in_any_form_is_named(ma
     assert not verify(markers["5 skew"], path).passed
 
 
-@pytest.mark.parametrize(("unit", "per_mm"), [("pt", 72 / 25.4), ("in", 1 / 25.4), ("cm", 0.1)])
+@pytest.mark.parametrize(
+    ("unit", "per_mm"),
+    [("in", 1 / 25.4), *(pytest.param(*unit, marks=pytest.mark.long) for unit in [("pt", 72 / 25.4), ("cm", 0.1)])],
+)
 def test_the_size_of_a_page_may_have_any_unit_of_length(markers, sheet, tmp_path, unit, per_mm):
     def sized(match):
         return f'{match[1]}="{float(match[2]) * per_mm:.9g}{unit}"'
