@@ -6,13 +6,13 @@ Points are arrays (P, 2), and closed polygons arrays (m, 2) without repeating th
 in any unit.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.geometry.contour import Contour, flattened
 
 Box = tuple[float, float, float, float]
@@ -316,6 +316,29 @@ def signed_area(ring: Array) -> float:
     # Relative to a corner, to avoid cancellation for a small outline far from the origin.
     x, y = (ring - ring[0]).T
     return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
+
+
+def pairs_in_boxes(points: Array, low: Array, high: Array, most: int) -> Iterator[tuple[Indices, Indices]]:
+    """Yield which points (m, 2) lie in which boxes, from their least and greatest corners (n, 2), edges included.
+
+    Parameters
+    ----------
+    most : int
+        Number of pairs in one item, which a single box may exceed.
+    """
+    import shapely
+
+    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    tree = shapely.STRtree(shapely.points(points[finite]))
+    # At most as many pairs as points within the bounds of a box along one of the axes.
+    number = np.min([
+        np.searchsorted(places, high[:, axis], "right") - np.searchsorted(places, low[:, axis], "left")
+        for axis, places in enumerate(np.sort(points[finite], axis=0).T)
+    ], axis=0)  # fmt: skip
+    near = np.flatnonzero(number)
+    for boxes in np.split(near, np.flatnonzero(np.diff(np.cumsum(number[near]) // most)) + 1):
+        box, point = tree.query(shapely.box(*low[boxes].T, *high[boxes].T))
+        yield finite[point], boxes[box]
 
 
 def pairwise_distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
+from markergen.geometry.region import pairs_in_boxes
 
 RAYS = 320
 """Number of rays across the largest side, 0.35 mm apart on a plate of 110 mm: 450 take twice the time."""
@@ -292,26 +293,13 @@ def _counted(number: Indices) -> tuple[Indices, Indices]:
 
 def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     """Tell which triangles (m, 3, 3) have their middle on others (n, 3, 3) that face the same side."""
-    import shapely
-
     middles, normals = triangles.mean(axis=1), _normals(triangles)
     lies, facing = np.zeros(len(triangles), bool), _normals(surface)
     # A needle of a triangle has no side.
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
     low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
-    finite = np.flatnonzero(np.isfinite(middles).all(axis=1))
-    tree = shapely.STRtree(shapely.points(middles[finite, :2]))
-    # At most as many pairs as middles within the bounds of a triangle along x or y.
-    number = np.min([
-        np.searchsorted(places, high[:, axis], "right") - np.searchsorted(places, low[:, axis], "left")
-        for axis, places in enumerate(np.sort(middles[finite, :2], axis=0).T)
-    ], axis=0)  # fmt: skip
-    near = np.flatnonzero(number)
-    group = np.cumsum(number[near]) // MOST_ROWS
-    for chunk in np.split(near, np.flatnonzero(np.diff(group)) + 1):
-        which, index = tree.query(shapely.box(*low[chunk, :2].T, *high[chunk, :2].T))
-        index, other = finite[index], chunk[which]
+    for index, other in pairs_in_boxes(middles[:, :2], low[:, :2], high[:, :2], MOST_ROWS):
         close = (middles[index, 2] >= low[other, 2]) & (middles[index, 2] <= high[other, 2]) & ~lies[index]
         index, other = index[close], other[close]
         same = is_thin[index] | (np.einsum("ij,ij->i", normals[index], facing[other]) > 0)

@@ -7,6 +7,7 @@ from markergen.geometry.region import (
     enclosing_circle,
     hull,
     line_distances,
+    pairs_in_boxes,
     pairwise_distances,
     parents,
     signed_area,
@@ -145,3 +146,15 @@ def test_nested_polygons_have_the_smallest_one_around_them_as_parent():
     assert parents([square(1), square(9), square(0.5), square(1, 5), square(2, 20)]) == [1, -1, 0, 1, -1]
     assert parents([square(1), square(1, 1.5)]) is None
     assert parents([square(1), square(1, 2)]) is None
+
+
+@pytest.mark.parametrize("most", [1, 50, 10**6])
+def test_points_in_boxes_are_those_of_all_pairs_whatever_the_number_at_once(most):
+    generator = np.random.default_rng(0)
+    points = np.round(generator.random((60, 2)), 1)
+    points[3, 1] = np.nan
+    low = np.round(generator.random((40, 2)), 1)
+    high = low + np.round(0.4 * generator.random((40, 2)), 1)
+    inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2)
+    pairs = [pair for index, box in pairs_in_boxes(points, low, high, most) for pair in zip(index, box, strict=True)]
+    assert sorted(pairs) == list(zip(*np.nonzero(inside), strict=True))
