@@ -6,6 +6,7 @@
    number of accidental finds is at most e^-evidence (A. A. Markov's inequality; the idea of bounding it by what is in the
    image is that of A. Desolneux, L. Moisan and J.-M. Morel). */
 
+#include "lanes.h"
 #include "label.h"
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
@@ -35,9 +36,6 @@ static const double SEARCH_PX = 0.2;
 static const double MERGED_PX = 2.0;
 
 static const double PI = 3.14159265358979323846;
-
-static double larger(double a, double b) { return a > b ? a : b; }
-static double smaller(double a, double b) { return a < b ? a : b; }
 
 static void symmetric_root(const double *e, double *root)
 {
@@ -193,12 +191,15 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->low[1] = low[1];
     scene->shown = malloc((size_t)(count + 1) * sizeof *scene->shown);
     scene->pairs = count <= MOST_PAIRED ? malloc((size_t)(count * count + 1) * sizeof *scene->pairs) : NULL;
+    scene->seen[0] = calloc(5 * ((size_t)count + LANES), sizeof(float));
     scene->taken = calloc((size_t)count + 1, 1);
     scene->first = calloc((size_t)(scene->columns * scene->rows) + 2, sizeof *scene->first);
     scene->member = malloc((size_t)(count + 1) * sizeof *scene->member);
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
-    if (!scene->shown || !scene->taken || !scene->first || !scene->member || !scene->owner)
+    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->member || !scene->owner)
         return NO_MEMORY;
+    for (int i = 1; i < 5; i++)
+        scene->seen[i] = scene->seen[0] + i * (count + LANES);
     for (int64_t k = 0; k < count; k++) {
         scene->owner[k] = -1;
         scene->shown[k].clutter = -1;
@@ -222,6 +223,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
 void scene_free(Scene *scene)
 {
     free(scene->shown);
+    free(scene->seen[0]);
     free(scene->pairs);
     free(scene->taken);
     free(scene->first);
@@ -238,6 +240,8 @@ void update_blob(Scene *scene, int64_t k)
         shown->root[i] *= scene->px;
     shown->mean = (shown->root[0] + shown->root[2]) / 2;
     const Blob *blob = scene->blobs + k;
+    for (int i = 0; i < 5; i++)
+        scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : shown->root[i - 2]);
     /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
        refuses; with half of it, dots under print of 600 dpi are lost, with twice, a board's dot of twice the size is. */
     const double least = blob->state == FITTED ? 0.08 : blob->state == REFUSED ? 0.3 : 0.15 * larger(blob->side, 1);
@@ -264,31 +268,38 @@ static const double FOLLOWS = 0.25;
 static double frame_area(const Scene *scene) { return (double)scene->camera->width * (double)scene->camera->height; }
 
 /* (1 - q/32)^16, which is exp(-q/2) but for 1 % where it is large, in a tenth of the time: a labeling of 24 dots asks 576 times. */
-static double bump(double q)
+static inline Lanes bump(Lanes q)
 {
-    const double a = larger(1 - q / 32, 0), b = a * a, c = b * b, d = c * c;
+    const Lanes a = most_of(1 - q / 32, all(0)), b = a * a, c = b * b, d = c * c;
     return d * d;
 }
 
-/* Densities of both kinds at blob k that blob o shows. */
-static void density(const Scene *scene, int64_t k, int64_t o, float *densities)
+/* Densities of both kinds at blob k that LANES others show, whose `seen` these are. */
+static inline void densities_of(const Scene *scene, int64_t k, const Lanes *seen, float (*densities)[2])
 {
-    const Shown *shown = scene->shown + k, *other = scene->shown + o;
-    const double xx = shown->root[0] - other->root[0], xy = shown->root[1] - other->root[1];
-    const double yy = shown->root[2] - other->root[2], square = xx * xx + 2 * xy * xy + yy * yy;
-    const double narrow = shown->sigma * shown->sigma, wide = larger(9 * narrow, 0.01 * shown->mean * shown->mean);
-    densities[0] = densities[1] = 0;
-    if (square > 1.5 * shown->mean * shown->mean + 9 * wide)
+    const Shown *shown = scene->shown + k;
+    const float mean = (float)(shown->mean * shown->mean), narrow = (float)(shown->sigma * shown->sigma);
+    const float wide = 9 * narrow > 0.01f * mean ? 9 * narrow : 0.01f * mean;
+    Lanes off[5];
+    for (int i = 0; i < 5; i++)
+        off[i] = scene->seen[i][k] - seen[i];
+    const Lanes square = off[2] * off[2] + 2 * off[3] * off[3] + off[4] * off[4];
+    const Lanes like = bump(square / wide), disk = bump(square / (0.0625f * mean));
+    memset(densities, 0, LANES * sizeof *densities);
+    if (!(sum_of(like + disk) > 0))
         return;
     /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
-    const double *a = scene->blobs[k].at, *b = scene->blobs[o].at, wide_px = 0.06 * (double)scene->camera->width;
-    const double dx = (a[0] - b[0]) * scene->px, dy = (a[1] - b[1]) * scene->px, apart = dx * dx + dy * dy;
-    const double one = wide_px * wide_px, other_px = smaller(64 * shown->mean * shown->mean, one);
-    const double place = 0.25 / frame_area(scene) + 0.25 / (2 * PI * one) * bump(apart / one) +
-                         0.5 / (2 * PI * other_px) * bump(apart / other_px);
-    const double shaped = 0.8 * bump(square / narrow) / (narrow * sqrt(narrow)) + 0.2 * bump(square / wide) / (wide * sqrt(wide));
-    densities[0] = (float)(place * shaped / 15.7496099457); /* (2 pi)^1.5 */
-    densities[1] = (float)(place * bump(square / (0.0625 * shown->mean * shown->mean)));
+    const float wide_px = 0.06f * (float)scene->camera->width, one = wide_px * wide_px, other = 64 * mean < one ? 64 * mean : one;
+    const Lanes apart = off[0] * off[0] + off[1] * off[1];
+    const Lanes place = (float)(0.25 / frame_area(scene)) +
+                        (0.25f / one * bump(apart / one) + 0.5f / other * bump(apart / other)) / (float)(2 * PI);
+    const Lanes shaped = place / 15.749610f /* (2 pi)^1.5 */ *
+                         (0.8f / (narrow * sqrtf(narrow)) * bump(square / narrow) + 0.2f / (wide * sqrtf(wide)) * like);
+    const Lanes alike = place * disk;
+    for (int l = 0; l < LANES; l++) {
+        densities[l][0] = shaped[l];
+        densities[l][1] = alike[l];
+    }
 }
 
 /* Density at a blob of clutter that none of the others shows. */
@@ -304,16 +315,22 @@ static double broad_clutter(const Scene *scene, const Shown *shown)
 static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n, double *shaped, double *alike)
 {
     Shown *shown = scene->shown + k;
-    float(*row)[2] = scene->pairs ? scene->pairs + k * scene->count : NULL, pair[2];
+    float(*row)[2] = scene->pairs ? scene->pairs + k * scene->count : NULL, four[LANES][2];
+    Lanes seen[5];
     if (shown->clutter < 0) {
         shown->clutter = shown->alike = 0;
-        for (int64_t o = 0; o < scene->count; o++) {
-            float *densities = row ? row[o] : pair;
-            if (o == k || !scene->blobs[o].known)
-                continue;
-            density(scene, k, o, densities);
-            shown->clutter += scene->taken[o] ? 0 : (double)densities[0];
-            shown->alike += scene->taken[o] ? 0 : (double)densities[1];
+        for (int64_t first = 0; first < scene->count; first += LANES) {
+            for (int i = 0; i < 5; i++)
+                seen[i] = read(scene->seen[i] + first);
+            densities_of(scene, k, seen, four);
+            const int64_t end = scene->count - first < LANES ? scene->count - first : LANES;
+            for (int64_t l = 0; l < end; l++)
+                if (first + l != k && !scene->taken[first + l]) {
+                    shown->clutter += (double)four[l][0];
+                    shown->alike += (double)four[l][1];
+                }
+            if (row)
+                memcpy(row + first, four, (size_t)end * sizeof *four);
         }
     }
     *shaped = shown->clutter;
@@ -321,9 +338,12 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
     for (int64_t i = 0; i < n; i++)
         if (labels[i] >= 0 && labels[i] != k) {
             const double less = labels[i] < k ? 1 - FOLLOWS : 1;
-            if (!row)
-                density(scene, k, labels[i], pair);
-            const float *densities = row ? row[labels[i]] : pair;
+            const float *densities = row ? row[labels[i]] : four[0];
+            if (!row) {
+                for (int j = 0; j < 5; j++)
+                    seen[j] = all(scene->seen[j][labels[i]]);
+                densities_of(scene, k, seen, four);
+            }
             *shaped -= less * (double)densities[0];
             *alike -= less * (double)densities[1];
         }

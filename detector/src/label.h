@@ -17,7 +17,7 @@ typedef struct {
     double root[3], mean, sigma;         /* symmetric root of the shape, half its trace, standard deviation of its entries: px */
     double area, size, slack;            /* root of the shape's determinant, half its logarithm, tolerance of guesses */
     double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with this outline */
-    double clutter, alike;               /* see density; -1: not asked yet, nor its row of `pairs` */
+    double clutter, alike;               /* see densities_of; -1: not asked yet, nor its row of `pairs` */
 } Shown;
 
 /* The blobs of an image, by squares of `side`, in normalized coordinates. */
@@ -29,7 +29,8 @@ struct Scene {
     Blob *blobs;
     int64_t count;
     Shown *shown;
-    float (*pairs)[2]; /* (count, count): density at a blob, of another one; NULL if there are too many */
+    float *seen[5];    /* of each blob: `at` and `root`, px; 0 for those that are not known */
+    float (*pairs)[2]; /* (count, count): densities_of a blob that another one shows; NULL if there are too many */
     uint8_t *taken;
     int64_t *owner; /* of each blob while labels are given: -1 */
     int64_t columns, rows;
