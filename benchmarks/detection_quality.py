@@ -241,11 +241,12 @@ def small(share: float, keep: Path | None) -> dict[str, Rows]:
 
 
 def blurred(share: float, keep: Path | None) -> dict[str, Rows]:
-    marker, rows = scenes.random_marker(12, True, seed=3, diameter=0.016), Rows()
+    markers, rows = [scenes.random_marker(5, True, seed=k, diameter=0.016) for k in range(10)], Rows()
     for blur in BLURS_PX:
         for size in BLURRED_PX:
-            distance, verdicts = CAMERA.fx * marker.dot_diameter / size, []
+            distance, verdicts = CAMERA.fx * markers[0].dot_diameter / size, []
             for k in range(max(round(50 * share), 1)):
+                marker = markers[k % len(markers)]
                 rng = np.random.default_rng([6, int(10 * blur), size, k])
                 placed = scenes.pose(CAMERA, rng, (distance, distance), (0, 30))
                 scene = scenes.view(marker, CAMERA, placed, rng, Optics(blur_px=blur))

@@ -446,7 +446,7 @@ MEASURED: Sequence[Entry] = (
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
         DETECT,
-        "Of dots of @ px (the root of long times short axis) # % are located among others, of those of @ px # %",
+        "Of dots of @ px (the root of long times short axis) # % are located alone, of those of @ px # %",
         SMALL.line,
         [(SMALL, "2.5 px, ring 50 @ @ @ @ #"), (SMALL, "5.0 px, ring 50 @ @ @ @ #")],
     ),

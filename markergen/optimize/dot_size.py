@@ -147,7 +147,7 @@ def wanted_pixels(image: ImageNoise) -> float:
     """Extent in px that dots should have along their short axis: 8 px at the usual blur.
 
     >>> wanted_pixels(ImageNoise()), wanted_pixels(ImageNoise(blur_px=2.0))
-    (8.0, 15.5)
+    (8.0, 12.7)
     """
     return round(PIXELS * image.size_factor, 1)
 
