@@ -176,8 +176,14 @@ def layer_of(thing) -> str:
     return bytes(words)[: size.value - 2].decode("utf-16-le")
 
 
-@pytest.mark.parametrize(("suffix", "read"), [(".svg", of_svg), (".pdf", of_pdf)])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "suffix", "read"),
+    [
+        pytest.param(name, suffix, read, marks=() if k % 2 == j else pytest.mark.long)
+        for k, name in enumerate(NAMES)
+        for j, (suffix, read) in enumerate([(".pdf", of_pdf), (".svg", of_svg)])
+    ],
+)
 def test_sheets(cases, name, suffix, read):
     case = cases[name]
     (sheet,) = pages_for([case.marker], CUTTER)
@@ -254,7 +260,14 @@ def test_meshes(cases, suffix, name):
     same([shape_of(ring[:, :2]) for ring in section.discrete], case.holes + case.plate, 0.02)
 
 
-@pytest.mark.parametrize(("name", "process"), [*((name, "fdm") for name in NAMES), (NAMES[-1], "print")])
+@pytest.mark.parametrize(
+    ("name", "process"),
+    [
+        *(pytest.param(name, "fdm", marks=pytest.mark.long) for name in NAMES[:-1]),
+        (NAMES[-1], "fdm"),
+        (NAMES[-1], "print"),
+    ],
+)
 def test_step(cases, name, process, tmp_path):
     """The lower face of the plate, as Open CASCADE reads the file: its area and the boxes of its wires."""
     from cadquery import Face, importers

@@ -73,7 +73,7 @@ def test_the_seeds_are_cameras(path):
         assert outcome(path, text.encode()) is not None
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=200)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=80)
 @given(
     st.sampled_from(SEEDS),
     st.lists(st.tuples(st.floats(0, 1), st.integers(0, 30), st.sampled_from(TOKENS)), max_size=3),
@@ -88,19 +88,19 @@ def test_pieces_replaced_by_others(path, text, changes):
         camera.from_pixels(pixels)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=40)
 @given(st.sampled_from(SEEDS), st.floats(0, 1))
 def test_cut_off_anywhere(path, text, share):
     outcome(path, text.encode()[: int(share * len(text))])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=40)
 @given(st.sampled_from(SEEDS), FLIPS)
 def test_bytes_flipped(path, text, changes):
     outcome(path, flipped(text.encode(), changes))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=40)
 @given(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
 def test_anything(path, data):
     outcome(path, data)
@@ -127,13 +127,13 @@ KEYS = [
 ]
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=40)
 @given(st.dictionaries(st.sampled_from(KEYS), JSON))
 def test_known_keys_with_any_values(path, values):
     outcome(path, json.dumps(values).encode())
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=150)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60)
 @given(st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), max_size=4), st.sampled_from([(4,), (4, 4), (2,)]))
 def test_arrays_with_bytes_flipped(path, changes, shape):
     import io

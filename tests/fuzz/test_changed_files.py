@@ -122,7 +122,7 @@ def silent(path, kind, name, step=1):
 @pytest.mark.parametrize("kind", READERS)
 def test_some_changes_are_never_silent(tmp_path, kind):
     for index, name in enumerate(READERS[kind][0]):
-        changes, _ = silent(tmp_path / "file", kind, name, 29 + index % 7)
+        changes, _ = silent(tmp_path / "file", kind, name, 59 + index % 7)
         assert not changes, name
 
 

@@ -107,7 +107,7 @@ def test_the_seeds_have_outlines(path):
         assert outcome(path, data, None) is not None or outcome(path, data, "mm") is not None
 
 
-FEW = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=150)
+FEW = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60)
 
 
 @FEW

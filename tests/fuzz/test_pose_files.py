@@ -63,7 +63,7 @@ def test_the_seeds_are_poses(path):
         assert len(outcome(path, text.encode())) in (1, 2)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(
     st.sampled_from(SEEDS),
     st.lists(st.tuples(st.floats(0, 1), st.integers(0, 20), st.sampled_from(TOKENS)), max_size=3),
@@ -78,7 +78,7 @@ def test_cut_off_anywhere(path, text, share):
     outcome(path, text.encode()[: int(share * len(text))])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=150)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60)
 @given(st.sampled_from(SEEDS), FLIPS)
 def test_bytes_flipped(path, text, changes):
     outcome(path, flipped(text.encode(), changes))

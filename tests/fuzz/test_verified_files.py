@@ -71,8 +71,8 @@ def outcome(marker, folder, suffix, data):
     return check
 
 
-FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60)
-LONG = settings(FUZZ, max_examples=120)
+FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=30)
+LONG = settings(FUZZ, max_examples=240)
 CHANGES = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 30), st.sampled_from(TOKENS)), min_size=1, max_size=3)
 
 

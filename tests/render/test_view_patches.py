@@ -27,7 +27,15 @@ def inks(patches):
     return [patch for patch in patches if patch.reflectance == INK]
 
 
-@pytest.mark.parametrize(("pose", "distortion"), [(3, LENS), (76, LENS), (95, Distortion()), (390, LENS)])
+@pytest.mark.parametrize(
+    ("pose", "distortion"),
+    [
+        (3, LENS),
+        (95, Distortion()),
+        pytest.param(76, LENS, marks=pytest.mark.long),
+        pytest.param(390, LENS, marks=pytest.mark.long),
+    ],
+)
 def test_pillars_hide_what_rays_do_not_reach(pose, distortion, ink_of, traced):
     camera = Camera(80, 60, 125, 125, 41, 29, distortion)
     rotation, translation = POSES.rotation[pose], 0.6 * POSES.translation[pose]

@@ -1,6 +1,7 @@
 """The first page of a fabrication sheet, looked at as shapes."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -22,9 +23,16 @@ def front_of(marker, options=None, **choices):
     return front_page(described(marker, **choices), options or SheetOptions())
 
 
-@pytest.fixture(scope="module", params=list(MARKERS))
+@cache
+def usual_front(name):
+    return front_of(MARKERS[name])
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=[pytest.mark.long] * (name == "disk")) for name in MARKERS]
+)
 def front(request):
-    return MARKERS[request.param], front_of(MARKERS[request.param])
+    return MARKERS[request.param], usual_front(request.param)
 
 
 def texts(front):
@@ -158,7 +166,7 @@ def test_too_many_callouts_are_smaller_and_all_there():
 
 
 def test_leaders_keep_off_dots_where_they_can():
-    front = front_of(MARKERS["many"])
+    front = usual_front("many")
     words = next(bounds(shape) for shape in front.shapes if shape.name == "callout-1-0")
     runs = [shape.points for shape in front.shapes if isinstance(shape, Line) and len(shape.points) == 2]
     (level,) = [
