@@ -19,7 +19,7 @@ from markergen.render import Optics, render_view
 FEW = "cone:distance=0.4..0.6m,tilt=0..40,count=6"
 COMMANDS = {
     "calibrate": "m.json photos --camera camera.yaml -o back.json",
-    "compare": "m.json square --views 2 --workers 1 --poses cone:distance=1.3..1.5m,count=6",
+    "compare": "m.json square --views 1 --workers 1 --poses cone:distance=1.3..1.5m,count=6",
     "design": f"--n 4 --radius 60mm --dot 20mm --restarts 1 --poses {FEW} -o new.pdf",
     "detect": "photos --marker m.json --overlay seen",
     "doctor": "",

@@ -36,7 +36,7 @@ def test_a_polygon_is_turned_where_that_matters(setting):
     assert objective(found)[0] <= every.min() * 1.002
 
 
-@pytest.mark.parametrize("n", [4, 5])
+@pytest.mark.parametrize("n", [5, pytest.param(4, marks=pytest.mark.long)])
 def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
     for room in rooms.values():
         region = FeasibleRegion(room, 0.02, 0.002)

@@ -10,7 +10,7 @@ from markergen.model.spec import Spec
 from markergen.optimize import certificate
 from markergen.optimize.design import design
 
-VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=12"
+VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=8"
 
 
 def spec(objective, **more):

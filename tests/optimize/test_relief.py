@@ -14,7 +14,7 @@ from markergen.optimize.design import design
 from markergen.optimize.problem import FeasibleRegion, breach
 from markergen.optimize.relief import ReliefRoom, check_relief, polish_relief, relief_breach, search_relief
 
-ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=12"
+ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=6"
 QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=1, poses=ONE_SIDED)
 
 

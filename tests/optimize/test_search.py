@@ -33,7 +33,7 @@ TYPICAL = "L", "two squares", "drilled"
 def test_constraints_hold_in_every_shape(rooms, criterion, names, n, dot):
     for name in names or rooms:
         room = rooms[name]
-        points = found(criterion(room), room, n, dot=dot, restarts=1).points
+        points = found(criterion(room, every=5), room, n, dot=dot, restarts=1).points
         boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
         # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
         assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
@@ -54,15 +54,15 @@ def test_what_is_raised_at_the_first_layouts_ends_the_search(criterion, monkeypa
         raise Enough
 
     with pytest.raises(Enough):
-        found(criterion(room), room, 12, dot=0.01, restarts=3, progress=progress, first=stop)
+        found(criterion(room, every=5), room, 12, dot=0.01, restarts=3, progress=progress, first=stop)
     assert set(stages) == {"exchange"}
     assert FeasibleRegion(room, 0.01, 0.001).holds(np.array(first)).all()
     stages.clear()
     monkeypatch.setattr(searching, "HOPS", 4)
     monkeypatch.setattr(searching, "FEWEST_HOPS", 2)
-    end = found(criterion(room), room, 12, dot=0.01, restarts=1, progress=progress)
+    end = found(criterion(room, every=5), room, 12, dot=0.01, restarts=1, progress=progress)
     assert stages[-1] == "hops"
-    assert end.value <= criterion(room)(first[0][None])[0] * (1 + 1e-6)
+    assert end.value <= criterion(room, every=5)(first[0][None])[0] * (1 + 1e-6)
 
 
 @pytest.mark.long
@@ -110,7 +110,7 @@ def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(
     monkeypatch.setattr(searching, "STARTS", 5)
     monkeypatch.setattr(searching, "FINE_EDGE", 60)
     disk, shown, stages = Circle(0.15), [], []
-    objective, region = criterion(disk), FeasibleRegion(disk, 0.01, 0.001)
+    objective, region = criterion(disk, every=5), FeasibleRegion(disk, 0.01, 0.001)
     task = Stages(objective, objective, region, 25, lambda stage, *_: stages.append(stage), first=shown.append)
     monkeypatch.setattr(Stages, "finished", lambda *_: [])
 
@@ -170,7 +170,7 @@ def test_it_is_no_worse_than_what_it_is_compared_with(rooms, criterion, room, na
 @pytest.mark.parametrize("name", ["condition", pytest.param("homography", marks=pytest.mark.long)])
 def test_other_objectives_are_searched_as_well(rooms, criterion, name):
     room = rooms["L"]
-    objective = criterion(room, name)
+    objective = criterion(room, name, every=3)
     optimum = found(objective, room, 4, restarts=1)
     region = FeasibleRegion(room, 0.02, 0.002)
     assert region.holds(optimum.points[None])[0]
@@ -224,7 +224,7 @@ def test_a_toothed_outline_costs_no_more_than_a_smooth_one(criterion):
     assert len(region.walls) == 400
     dots = region.sample(1, 12, np.random.default_rng(0))[0]
     assert len(contacts(region.walls, dots, region.inset, 0.1, -1.0).dot) <= 12 * MOST_WALLS
-    assert region.holds(found(criterion(gear), gear, 5, restarts=1).points[None])[0]
+    assert region.holds(found(criterion(gear, every=5), gear, 5, restarts=1).points[None])[0]
 
 
 @pytest.mark.long
@@ -238,7 +238,7 @@ def test_many_dots(rooms, criterion):
 
 
 def test_the_same_seed_gives_the_same_layout(rooms, criterion):
-    first, second = (found(criterion(rooms["star"]), rooms["star"], 5, restarts=1) for _ in range(2))
+    first, second = (found(criterion(rooms["star"], every=5), rooms["star"], 5, restarts=1) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
 
 
@@ -256,7 +256,7 @@ def test_a_polish_goes_straight_into_a_corner(rooms, criterion):
 
 def test_progress_is_told(rooms, criterion):
     calls = []
-    found(criterion(rooms["L"]), rooms["L"], 5, restarts=2, progress=lambda *call: calls.append(call))
+    found(criterion(rooms["L"], every=5), rooms["L"], 5, restarts=2, progress=lambda *call: calls.append(call))
     last = {stage: (done, total) for stage, done, total in calls}
     assert set(last) == {"exchange", "polish", "regular"}
     assert all(done == total for done, total in last.values())
@@ -268,7 +268,7 @@ def test_progress_is_told(rooms, criterion):
 def test_every_step_is_recorded(rooms, criterion):
     from markergen.optimize.trace import Recorder
 
-    recorder, objective = Recorder(), criterion(rooms["L"])
+    recorder, objective = Recorder(), criterion(rooms["L"], every=5)
     optimum = found(objective, rooms["L"], 5, restarts=1, record=recorder)
     way = recorder.way(optimum.points)
     stages = [stage for stage, _ in way]
