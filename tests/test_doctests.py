@@ -14,8 +14,17 @@ MODULES = [
     if ">>> " in path.read_text(encoding="utf-8")
 ]
 
+SLOW = {
+    *("api.calibrate", "api.compare", "api.design", "api.handeye", "api.rescale", "api.study", "optimize.design"),
+    *("comparison.result", "validation.result", "verification.result"),
+}
+"""Modules whose examples take a second and more. Tests of the same functions are elsewhere."""
 
-@pytest.mark.parametrize("name", MODULES)
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.docs] * (name.removeprefix("markergen.") in SLOW)) for name in MODULES],
+)
 def test_examples_in_docstrings(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)

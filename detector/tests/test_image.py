@@ -78,7 +78,7 @@ def test_thin_rings_are_found_wherever_their_pixels_lie(rng, semi):
 @pytest.mark.parametrize("hole", [0, 0.5])
 def test_what_the_border_cuts_is_as_sure_as_it_is_right(rng, hole):
     squares = []
-    for _ in range(200):
+    for _ in range(100):
         a = rng.uniform(6, 25)
         b = a * rng.uniform(0.6, 1)
         x, y, angle = rng.uniform(40, 100), b * rng.uniform(0.2, 0.7), rng.uniform(0, np.pi)
@@ -86,7 +86,7 @@ def test_what_the_border_cuts_is_as_sure_as_it_is_right(rng, hole):
         for blob in blobs[np.linalg.norm(blobs["center"] - (x, y), axis=1) < b]:
             off = blob["center"] - (x, y)
             squares.append(off[0] ** 2 / blob["covariance"][0] + off[1] ** 2 / blob["covariance"][2])
-    assert len(squares) > 30
+    assert len(squares) > 15
     # Of two degrees of freedom, 13.8 is passed in one case of a thousand; errors of what is outside have longer tails.
     assert np.mean(np.array(squares) > 13.8) < 0.05
     assert np.median(squares) < 1.4

@@ -1,4 +1,3 @@
-import doctest
 import io
 import json
 import pickle
@@ -149,7 +148,3 @@ def test_the_plot_names_all(found):
 
 def test_it_can_be_sent_to_another_process(found):
     assert str(pickle.loads(pickle.dumps(found))) == str(found)
-
-
-def test_the_example_runs():
-    assert doctest.testmod(module).failed == 0

@@ -1,4 +1,3 @@
-import doctest
 import inspect
 import json
 import logging
@@ -315,10 +314,6 @@ def test_help_lists_every_option():
     names = list(inspect.signature(validate).parameters)
     assert names[:2] == ["marker", "camera"]
     assert set(declared(ValidateKeywords)) <= set(names)
-
-
-def test_the_example_runs():
-    assert doctest.testmod(module).failed == 0
 
 
 def test_a_camera_that_sees_nothing_is_told(pentagon):

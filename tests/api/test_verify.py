@@ -1,4 +1,3 @@
-import doctest
 import json
 import logging
 import pickle
@@ -149,7 +148,3 @@ def test_it_can_be_sent_to_another_process_and_tells_the_log_alone(here, marker,
     assert len(caplog.records) == 2
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "")
-
-
-def test_the_example_runs():
-    assert doctest.testmod(module).failed == 0
