@@ -20,7 +20,7 @@ CAMERA = Camera(400, 300, 500.0, 500.0, 199.5, 149.5)
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder with a marker, six photographs of a print of it with dots 0.2 mm off, and the camera."""
+    """A folder with a marker, five photographs of a print of it with dots 0.2 mm off, and the camera."""
     folder = tmp_path_factory.mktemp("made")
     marker, rng = mg.design(n=5, radius="60mm", dot="20mm", restarts=1).marker, np.random.default_rng(0)
     marker.save(folder / "marker.json", folder / "marker.pdf")
@@ -28,7 +28,7 @@ def made(tmp_path_factory):
     moved = zip(marker.control_points, OFF, strict=True)
     printed = replace(marker, control_points=tuple(replace(p, x=p.x + dx, y=p.y + dy) for p, (dx, dy) in moved))
     (folder / "photos").mkdir()
-    for k in range(6):
+    for k in range(5):
         lean = np.deg2rad(20 + 5 * k) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0])
         rotation = exponential(lean) @ np.diag([1.0, -1.0, -1.0])
         image = render_view(printed, CAMERA, rotation, np.array([0.0, 0.0, 0.35]), Optics(), rng)
@@ -126,7 +126,7 @@ def pairs(made):
     """Photographs of the print by two cameras, 60 mm apart and turned by 3 deg, in folders of their names."""
     marker, rng = mg.Marker.load(made / "marker.json"), np.random.default_rng(1)
     away = exponential(np.array([0, np.deg2rad(3), 0])), np.array([-0.06, 0.0, 0.0])
-    for k in range(6):
+    for k in range(4):
         lean = exponential(np.deg2rad(25) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0]))
         first = lean @ np.diag([1.0, -1.0, -1.0]), np.array([0.02, 0.0, 0.4])
         for name, pose in (("left", first), ("right", pose_product(away, first))):
