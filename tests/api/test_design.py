@@ -257,19 +257,20 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("room", "n", "objective", "options"),
+    ("room", "n", "objective", "count", "starts", "options"),
     [
-        ("rect:150mmx60mm", 7, "pose", {}),
-        pytest.param("circle:50mm", 5, "pose", {}, marks=pytest.mark.long),
-        ("rect:100mmx80mm", 5, "rotation", {"dot": "20mm", "gap": "9mm"}),
+        ("rect:150mmx60mm", 7, "pose", 20, {"restarts": 2}, {}),
+        pytest.param("circle:50mm", 5, "pose", 60, {}, {}, marks=pytest.mark.long),
+        ("rect:100mmx80mm", 5, "rotation", 20, {"restarts": 2}, {"dot": "20mm", "gap": "9mm"}),
     ],
     ids=["for the images", "by smaller dots", "asked for"],
 )
-def test_no_layout_breaks_what_the_results_claim(room, n, objective, options, tmp_path, monkeypatch):
+def test_no_layout_breaks_what_the_results_claim(room, n, objective, count, starts, options, tmp_path, monkeypatch):
     """Reads value, bounds and constraints from the JSON alone, and looks for layouts that keep them and are better."""
     monkeypatch.setattr(certificate, "ROUNDS", 20)
-    poses = "cone:distance=0.6..1.5,tilt=0..70,azimuth=-180..180,count=20"
-    design(n=n, boundary=room, objective=objective, poses=poses, restarts=2, json=tmp_path / "design.json", **options)
+    poses = f"cone:distance=0.6..1.5,tilt=0..70,azimuth=-180..180,count={count}"
+    more = {"boundary": room, "objective": objective, "poses": poses, **starts, **options}
+    design(n=n, json=tmp_path / "design.json", **more)
     claims = json.loads((tmp_path / "design.json").read_text())
     kept = claims["constraints"]
     assert kept["gap_reason"] == ("asked" if options else "images")

@@ -99,7 +99,7 @@ def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_s
     doubts = {}
     for read in (1.003, 1.0, 1.012, 0.992):
         printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
-        found = calibrated([printed], 5, known(), false=0, made=[design])
+        found = calibrated([printed], 8, known(), false=0, made=[design])
         said = found.scale_source
         doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", said)
         assert "contradict" not in str(found.notes)
