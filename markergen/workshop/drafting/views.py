@@ -16,7 +16,7 @@ projection, which is used on American paper.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise, product
 from math import hypot, radians, tan
 
@@ -472,12 +472,18 @@ LINES_APART = 1.75
 """Distance between lines of words, in cap heights."""
 
 
+Run = tuple[Point, Point, Point]
+"""Tip of a leader, its elbow, and its end at the words."""
+
+Circle = tuple[float, float, float]
+"""Center and radius, mm on paper."""
+
+
 @dataclass(frozen=True)
 class _Leader:
     cost: float
     length: float
-    run: tuple[Point, Point, Point]
-    """Tip, elbow and end at the words."""
+    run: Run
     top: float
     """Upper end of the words."""
 
@@ -495,6 +501,15 @@ class _Room:
     style: Style
     circles: Array
     segments: Array
+    costs: dict[tuple[Run, Circle], float] = field(default_factory=dict, compare=False)
+    """Costs of leaders by what they alone touch: each is tried many times, between other ones."""
+
+    def cost_of(self, run: Run, circle: Circle) -> float:
+        """Cost of what a leader touches beside other leaders; the circle is that of its feature."""
+        key = run, circle
+        if key not in self.costs:
+            self.costs[key] = HIT * _along_axis(run, self.view) + _hits(run, self, circle)
+        return self.costs[key]
 
     def mirrored(self) -> "_Room":
         """The same on the other side of the page's left edge, for words to the left of the view."""
@@ -658,13 +673,11 @@ def _written(callout: Callout, x: float, top: float, style: Style, name: str) ->
     return shapes
 
 
-def _best(
-    callout: Callout, room: _Room, tops: Sequence[float], runs: Sequence[tuple[Point, Point, Point]]
-) -> _Leader | None:
+def _best(callout: Callout, room: _Room, tops: Sequence[float], runs: Sequence[Run]) -> _Leader | None:
     """Cheapest leader over all features, heights of the words and slopes; None if there is none."""
     view, style, end = room.view, room.style, room.column[0] - 1.2 * room.style.scale
     nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
-    candidates: list[tuple[float, _Leader, tuple[float, float, float]]] = []
+    candidates: list[tuple[float, _Leader, Circle]] = []
     for (x, y, r), top in product(nearest, tops):
         at, radius = view.at((x, y)), view.scale * r
         level = top - style.words / 2
@@ -685,14 +698,13 @@ def _best(
     for length, trial, circle in sorted(candidates, key=lambda candidate: candidate[0]):
         if best and length >= best.cost:
             break
-        cost = length + HIT * _along_axis(trial.run, view) + CROSSED * _crossings(trial.run, runs)
-        cost += _hits(trial.run, room, circle)
+        cost = length + room.cost_of(trial.run, circle) + CROSSED * _crossings(trial.run, runs)
         if best is None or cost < best.cost:
             best = replace(trial, cost=cost)
     return best
 
 
-def _hits(run: tuple[Point, Point, Point], room: _Room, circle: tuple[float, float, float]) -> float:
+def _hits(run: Run, room: _Room, circle: Circle) -> float:
     """Cost of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
     others = room.circles[np.any(np.abs(room.circles - circle) > 1e-6, axis=-1)]
     is_hit = np.zeros(len(others), dtype=bool)
@@ -714,14 +726,14 @@ def _side(a: Array, b: Array, point: Array) -> Array:
     return np.asarray((b - a)[..., 0] * (point - a)[..., 1] - (b - a)[..., 1] * (point - a)[..., 0])
 
 
-def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
+def _along_axis(run: Run, view: DrawingView) -> int:
     """Number of segments of a leader that lie on the x axis or nearly along it."""
     axis = view.at((0.0, 0.0))[1]
     legs = ((run[0], run[1]), (run[1], run[2]))
     return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 4 and abs(b[0] - a[0]) > 5 for a, b in legs)
 
 
-def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Point, Point]]) -> int:
+def _crossings(run: Run, others: Sequence[Run]) -> int:
     return int(np.sum(line_distances(run, others) < 0.5)) if others else 0
 
 
