@@ -222,7 +222,7 @@ def other_parser(monkeypatch, tmp_path):
 def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_parser, monkeypatch):
     other_parser("crashes", "import os\n\ndef step(data):\n    os._exit(1)\n")
     assert "breaks it" in refused(marker, tmp_path, ".step", data[".step"])
-    monkeypatch.setitem(guard.KINDS, "CAD", replace(guard.KINDS["CAD"], seconds=0.5))
+    monkeypatch.setitem(guard.KINDS, "CAD", replace(guard.KINDS["CAD"], seconds=0.1))
     other_parser("sleeps", "import time\n\ndef step(data):\n    time.sleep(100)\n")
     start = time.perf_counter()
     assert "takes more than" in refused(marker, tmp_path, ".step", data[".step"])

@@ -34,6 +34,12 @@ def written(request, marker):
     return marker, solids, write_step(solids, marker_name(marker))
 
 
+WITHOUT_LETTERS = pytest.mark.parametrize(
+    "written", ["fdm", pytest.param("laser", marks=pytest.mark.long)], indirect=True, scope="module"
+)
+"""What takes the kernel long is left to `make test-long`."""
+
+
 @pytest.fixture(scope="module")
 def parts(written, tmp_path_factory) -> dict:
     """Name -> (solid, sRGB color, faces with colors of their own) as a reader finds them; ``""`` is the assembly."""
@@ -165,6 +171,7 @@ Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_br
 """
 
 
+@WITHOUT_LETTERS
 def test_another_process_writes_the_same_bytes(written, tmp_path):
     from markergen.model.body_json import to_json
 
@@ -197,6 +204,7 @@ def test_brep_is_read_with_the_same_solids(written, tmp_path):
     assert [solid.Volume() for solid in read] == pytest.approx([shown(s).shape.Volume() for s in written[1]], rel=1e-12)
 
 
+@WITHOUT_LETTERS
 def test_triangles_of_a_mesh_do_not_get_into_files(written):
     before = write_brep(written[1])
     shown(written[1][0]).shape.tessellate(0.1)
