@@ -34,7 +34,7 @@ def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
 
 def test_the_log_tells_of_begin_and_end(tmp_path, caplog, capsys):
     with caplog.at_level("INFO", "markergen"):
-        study(SWEEP, tmp_path / "s", workers=1, runs=0)
+        study(SWEEP | {"grid": {"n": [4], "layout": ["ngon"]}}, tmp_path / "s", workers=1, runs=0)
     said = [record.getMessage() for record in caplog.records if record.name == "markergen.api.study"]
     assert said[0] == f"studying, in {tmp_path / 's'}"
     assert said[-1].startswith("studied: ")
