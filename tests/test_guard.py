@@ -50,7 +50,7 @@ def compute(data):
 
 
 def nap(data):
-    time.sleep(1)
+    time.sleep(0.5)
     return {}
 """
 SOME = Content("a.bin", bytes(range(100)))
@@ -128,10 +128,10 @@ def test_a_child_that_breaks_is_one_line_and_the_next_file_is_read(ask, monkeypa
         ask("fail")
     with pytest.raises(InputError, match="breaks it"):
         ask("crash")
-    monkeypatch.setitem(KINDS, "mesh", replace(KINDS["mesh"], seconds=0.4, largest=1000))
+    monkeypatch.setitem(KINDS, "mesh", replace(KINDS["mesh"], seconds=0.2, largest=1000))
     start = time.perf_counter()
     for function in ("hang", "compute"):
-        with pytest.raises(InputError, match=r"is fine, found one that takes more than 0\.4 s;"):
+        with pytest.raises(InputError, match=r"is fine, found one that takes more than 0\.2 s;"):
             ask(function)
     assert time.perf_counter() - start < 30
     # Time in which others use the processor does not count.

@@ -106,13 +106,18 @@ def test_cut_off_anywhere(marker, seeds, tmp_path, suffix, share):
 
 
 @FUZZ
-@given(
-    st.sampled_from(SUFFIXES),
-    FLIPS,
-)
+@given(st.sampled_from([suffix for suffix in SUFFIXES if suffix != ".step"]), FLIPS)
+@example(".step", [(0.5, 57)])
 def test_bytes_flipped(marker, seeds, tmp_path, suffix, changes):
-    data = flipped(seeds[suffix], changes)
-    outcome(marker, tmp_path, suffix, bytes(data))
+    outcome(marker, tmp_path, suffix, flipped(seeds[suffix], changes))
+
+
+@pytest.mark.long
+@LONG
+@given(FLIPS)
+def test_bytes_flipped_in_step(marker, seeds, tmp_path, changes):
+    """Each takes a second or two."""
+    outcome(marker, tmp_path, ".step", flipped(seeds[".step"], changes))
 
 
 def chunk(kind, body):

@@ -138,6 +138,7 @@ def until(count, folder, process):
         time.sleep(0.005)
 
 
+@pytest.mark.long
 def test_a_study_that_is_killed_again_and_again_ends_with_the_same_files(alone, tmp_path):
     folder, rng, killed = tmp_path / "study", random.Random(1), 0
     for _ in range(2):

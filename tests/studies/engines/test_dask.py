@@ -71,6 +71,7 @@ def check_seconds(address):
     return time.monotonic() - begin, str(caught.value)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_does_not_answer_is_told_within_ten_seconds(mute_address):
     pytest.importorskip("distributed")
     seconds, message = check_seconds(mute_address)
