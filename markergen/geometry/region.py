@@ -335,8 +335,8 @@ def pairs_in_boxes(points: Array, low: Array, high: Array, most: int) -> Iterato
         np.searchsorted(places, high[:, axis], "right") - np.searchsorted(places, low[:, axis], "left")
         for axis, places in enumerate(np.sort(points[finite], axis=0).T)
     ], axis=0)  # fmt: skip
-    near = np.flatnonzero(number)
-    for boxes in np.split(near, np.flatnonzero(np.diff(np.cumsum(number[near]) // most)) + 1):
+    filled = np.flatnonzero(number)
+    for boxes in np.split(filled, np.flatnonzero(np.diff(np.cumsum(number[filled]) // most)) + 1):
         box, point = tree.query(shapely.box(*low[boxes].T, *high[boxes].T))
         yield finite[point], boxes[box]
 

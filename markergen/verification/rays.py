@@ -299,12 +299,12 @@ def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
     low, high = surface.min(axis=1) - tolerance, surface.max(axis=1) + tolerance
-    for index, other in pairs_in_boxes(middles[:, :2], low[:, :2], high[:, :2], MOST_ROWS):
-        close = (middles[index, 2] >= low[other, 2]) & (middles[index, 2] <= high[other, 2]) & ~lies[index]
-        index, other = index[close], other[close]
-        same = is_thin[index] | (np.einsum("ij,ij->i", normals[index], facing[other]) > 0)
-        index, other = index[same], other[same]
-        lies[index[_distances(middles[index], surface[other]) <= tolerance]] = True
+    for index, face in pairs_in_boxes(middles[:, :2], low[:, :2], high[:, :2], MOST_ROWS):
+        close = (middles[index, 2] >= low[face, 2]) & (middles[index, 2] <= high[face, 2]) & ~lies[index]
+        index, face = index[close], face[close]
+        same = is_thin[index] | (np.einsum("ij,ij->i", normals[index], facing[face]) > 0)
+        index, face = index[same], face[same]
+        lies[index[_distances(middles[index], surface[face]) <= tolerance]] = True
     return lies
 
 

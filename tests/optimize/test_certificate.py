@@ -140,9 +140,9 @@ def test_the_highest_place_of_a_disk_is_bounded_closely(criterion):
 def test_orbits_bound_as_closely_as_single_places(setting, monkeypatch, criterion):
     disk, poses = Circle(0.15), setting.poses
     # All rolls and tilts at one distance.
-    near = poses.taken(np.flatnonzero(next(iter(poses.by_distance().values()))), 0)
+    at_one_distance = poses.taken(np.flatnonzero(next(iter(poses.by_distance().values()))), 0)
     region, few = FeasibleRegion(disk, 0.05, 0.005), criterion(disk)
-    objective = OBJECTIVES["pose"](Setting(disk, setting.camera, near))
+    objective = OBJECTIVES["pose"](Setting(disk, setting.camera, at_one_distance))
     best = search(few, region, 12, np.random.default_rng(0), 2, rough=few).points
     value, turns = float(objective(best[None])[0]), []
     for judge in (objective, few):
