@@ -16,7 +16,7 @@ from markergen.optimize import keyless
 from markergen.optimize.keyless import asymmetric_search, safety_gradient
 from markergen.optimize.problem import FeasibleRegion
 
-POSES = named_poses("cone:distance=0.8..1.2,tilt=0..60,count=5,seed=0")
+POSES = named_poses("cone:distance=0.8..1.2,tilt=0..60,count=8,seed=0")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))
 
 
