@@ -501,7 +501,7 @@ class _Room:
     style: Style
     circles: Array
     segments: Array
-    costs: dict[tuple[Run, Circle], float] = field(default_factory=dict, compare=False)
+    costs: dict[tuple[Run, Circle], float] = field(default_factory=dict, init=False, compare=False)
     """Costs of leaders by what they alone touch: each is tried many times, between other ones."""
 
     def cost_of(self, run: Run, circle: Circle) -> float:
