@@ -191,14 +191,14 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->low[1] = low[1];
     scene->shown = malloc((size_t)(count + 1) * sizeof *scene->shown);
     scene->pairs = count <= MOST_PAIRED ? malloc((size_t)(count * count + 1) * sizeof *scene->pairs) : NULL;
-    scene->seen[0] = calloc(5 * ((size_t)count + LANES), sizeof(float));
+    scene->seen[0] = calloc(SEEN * ((size_t)count + LANES), sizeof(float));
     scene->taken = calloc((size_t)count + 1, 1);
     scene->first = calloc((size_t)(scene->columns * scene->rows) + 2, sizeof *scene->first);
     scene->member = malloc((size_t)(count + 1) * sizeof *scene->member);
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
     if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->member || !scene->owner)
         return NO_MEMORY;
-    for (int i = 1; i < 5; i++)
+    for (int i = 1; i < SEEN; i++)
         scene->seen[i] = scene->seen[0] + i * (count + LANES);
     for (int64_t k = 0; k < count; k++) {
         scene->owner[k] = -1;
@@ -240,7 +240,7 @@ void update_blob(Scene *scene, int64_t k)
         shown->root[i] *= scene->px;
     shown->mean = (shown->root[0] + shown->root[2]) / 2;
     const Blob *blob = scene->blobs + k;
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < SEEN; i++)
         scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : shown->root[i - 2]);
     /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
        refuses; with half of it, dots under print of 600 dpi are lost, with twice, a board's dot of twice the size is. */
@@ -279,9 +279,9 @@ static inline void densities_of(const Scene *scene, int64_t k, const Lanes *seen
 {
     const Shown *shown = scene->shown + k;
     const float mean = (float)(shown->mean * shown->mean), narrow = (float)(shown->sigma * shown->sigma);
-    const float wide = 9 * narrow > 0.01f * mean ? 9 * narrow : 0.01f * mean;
-    Lanes off[5];
-    for (int i = 0; i < 5; i++)
+    const float wide = (float)larger(9 * narrow, 0.01f * mean);
+    Lanes off[SEEN];
+    for (int i = 0; i < SEEN; i++)
         off[i] = scene->seen[i][k] - seen[i];
     const Lanes square = off[2] * off[2] + 2 * off[3] * off[3] + off[4] * off[4];
     const Lanes like = bump(square / wide), disk = bump(square / (0.0625f * mean));
@@ -289,7 +289,7 @@ static inline void densities_of(const Scene *scene, int64_t k, const Lanes *seen
     if (!(sum_of(like + disk) > 0))
         return;
     /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
-    const float wide_px = 0.06f * (float)scene->camera->width, one = wide_px * wide_px, other = 64 * mean < one ? 64 * mean : one;
+    const float wide_px = 0.06f * (float)scene->camera->width, one = wide_px * wide_px, other = (float)smaller(64 * mean, one);
     const Lanes apart = off[0] * off[0] + off[1] * off[1];
     const Lanes place = (float)(0.25 / frame_area(scene)) +
                         (0.25f / one * bump(apart / one) + 0.5f / other * bump(apart / other)) / (float)(2 * PI);
@@ -316,11 +316,11 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
 {
     Shown *shown = scene->shown + k;
     float(*row)[2] = scene->pairs ? scene->pairs + k * scene->count : NULL, four[LANES][2];
-    Lanes seen[5];
+    Lanes seen[SEEN];
     if (shown->clutter < 0) {
         shown->clutter = shown->alike = 0;
         for (int64_t first = 0; first < scene->count; first += LANES) {
-            for (int i = 0; i < 5; i++)
+            for (int i = 0; i < SEEN; i++)
                 seen[i] = read(scene->seen[i] + first);
             densities_of(scene, k, seen, four);
             const int64_t end = scene->count - first < LANES ? scene->count - first : LANES;
@@ -340,7 +340,7 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
             const double less = labels[i] < k ? 1 - FOLLOWS : 1;
             const float *densities = row ? row[labels[i]] : four[0];
             if (!row) {
-                for (int j = 0; j < 5; j++)
+                for (int j = 0; j < SEEN; j++)
                     seen[j] = all(scene->seen[j][labels[i]]);
                 densities_of(scene, k, seen, four);
             }

@@ -5,7 +5,7 @@
 
 #include "detector.h"
 
-enum { LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEARS = 64, TRIED = 4096 };
+enum { SEEN = 5, LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEARS = 64, TRIED = 4096 };
 
 /* Guesses from one blob that are followed, and from all with but half of the votes. */
 enum { FOLLOWED = 16, LAST_FOLLOWED = 64 };
@@ -29,7 +29,7 @@ struct Scene {
     Blob *blobs;
     int64_t count;
     Shown *shown;
-    float *seen[5];    /* of each blob: `at` and `root`, px; 0 for those that are not known */
+    float *seen[SEEN]; /* of each blob: `at` and `root`, px; 0 for those that are not known */
     float (*pairs)[2]; /* (count, count): densities_of a blob that another one shows; NULL if there are too many */
     uint8_t *taken;
     int64_t *owner; /* of each blob while labels are given: -1 */
