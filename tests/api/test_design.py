@@ -98,10 +98,10 @@ def test_it_is_the_engines_design(quick):
 
 
 def test_poses_may_be_a_distribution(quick):
-    found = design(**{**QUICK, "poses": named_poses("cone:count=8")})
+    result = design(**{**QUICK, "poses": named_poses("cone:count=8")})
     # Recorded rotations are rounded in the last digits; a minimum flat to 1e-14 leaves places open to its root, 1e-7.
-    assert found.value == pytest.approx(quick.value, rel=1e-10)
-    np.testing.assert_allclose(found.marker.xyz, quick.marker.xyz, atol=1e-7)
+    assert result.value == pytest.approx(quick.value, rel=1e-10)
+    np.testing.assert_allclose(result.marker.xyz, quick.marker.xyz, atol=1e-7)
 
 
 def test_results_are_short_and_shown(quick):

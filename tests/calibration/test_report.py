@@ -302,7 +302,7 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
 def test_dots_that_are_held_and_do_not_fit_are_named(calibrated, make_ngon, monkeypatch, factor, doubted):
     monkeypatch.setattr(Adjustment, "variance_factor", property(lambda _: factor))
     # With a camera that is nearly known, there is no choice of its parameters, which takes most of the time.
-    known = Known(CAMERA, np.diag([1.0, 1, 1, 1, *[1e-6] * 5]), free=False)
-    notes = calibrated([make_ngon(5, 0.11, 0.02)], 4, known, false=0).notes
+    prior = Known(CAMERA, np.diag([1.0, 1, 1, 1, *[1e-6] * 5]), free=False)
+    notes = calibrated([make_ngon(5, 0.11, 0.02)], 4, prior, false=0).notes
     assert any(f"dots are {doubted} they were designed" in note for note in notes) == bool(doubted)
     assert any("where they were designed" in note for note in notes) == bool(doubted)

@@ -28,10 +28,10 @@ def test_a_clean_set_stays_as_it_is():
 def test_one_false_dot_in_twenty_costs_less_than_a_quarter():
     rng, errors = np.random.default_rng(4), []
     for _ in range(4):
-        made = scene(5, 16, rng)
-        true, (views, false) = in_gauge(made.places, made.network), spoiled(made.views, 0.05, rng)
-        cleaned = adjust_robustly(made.network, views)
-        found = adjust(made.network, made.views), cleaned.adjustment
+        simulated = scene(5, 16, rng)
+        true, (views, false) = in_gauge(simulated.places, simulated.network), spoiled(simulated.views, 0.05, rng)
+        cleaned = adjust_robustly(simulated.network, views)
+        found = adjust(simulated.network, simulated.views), cleaned.adjustment
         errors.append([np.mean((each.places - true) ** 2) for each in found])
         # What stays within two sigma of its place is no outlier that could be told.
         assert (false & ~cleaned.dropped & cleaned.used[:, None]).sum() <= 1

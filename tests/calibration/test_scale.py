@@ -40,19 +40,19 @@ def length(design, measured=1.0):
 
 
 def test_a_scale_that_nothing_measures_is_that_of_prints(calibrated, design):
-    found = calibrated([design], 5, known(), false=0)
-    assert share(found.markers[0]) == pytest.approx(0.002 / np.sqrt(2), rel=0.01)
-    assert "to 0.2 % along x and y each, to 0.14 %" in found.scale_source
+    result = calibrated([design], 5, known(), false=0)
+    assert share(result.markers[0]) == pytest.approx(0.002 / np.sqrt(2), rel=0.01)
+    assert "to 0.2 % along x and y each, to 0.14 %" in result.scale_source
 
 
 def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
     printed, _ = rescale_body(design, Rulers(1.001 * WIDE, 0.999 * WIDE))
     assert scale_sigmas(printed, 0.002, RULER) == (0.001, 0.001)
-    found = calibrated([printed], 5, known(), false=0)
-    assert share(found.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
-    assert "known to 0.071 %" in found.scale_source
-    again = calibrated([by_rulers(found.markers[0])], 5, known(), false=0)
-    assert share(again.markers[0]) == pytest.approx(share(found.markers[0]), rel=1e-3)
+    result = calibrated([printed], 5, known(), false=0)
+    assert share(result.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
+    assert "known to 0.071 %" in result.scale_source
+    again = calibrated([by_rulers(result.markers[0])], 5, known(), false=0)
+    assert share(again.markers[0]) == pytest.approx(share(result.markers[0]), rel=1e-3)
 
 
 def test_a_ruler_that_was_not_measured_tells_nothing(design):
@@ -89,8 +89,8 @@ def test_a_length_over_the_outer_edges_is_told(design, tmp_path):
 
 
 def test_a_length_that_tells_no_more_than_is_assumed_says_so(calibrated, design):
-    found = calibrated([design], 5, known(replace(length(design), sigma=1e-3)), false=0)
-    assert sentence("scale doubted") + ", 0.14 %" in found.scale_source
+    result = calibrated([design], 5, known(replace(length(design), sigma=1e-3)), false=0)
+    assert sentence("scale doubted") + ", 0.14 %" in result.scale_source
 
 
 @pytest.mark.long

@@ -51,8 +51,8 @@ def test_terminals_that_lack_letters_show_others_instead(encoding):
 
 
 def test_a_terminated_command_leaves_no_file_half_written(tmp_path):
-    words = ["design", "--n", "12", "--restarts", "4000", "--poses", "cone:count=8", "-o", "a.pdf"]
-    process = subprocess.Popen([sys.executable, "-m", "markergen", *words], cwd=tmp_path, stderr=subprocess.PIPE)
+    arguments = ["design", "--n", "12", "--restarts", "4000", "--poses", "cone:count=8", "-o", "a.pdf"]
+    process = subprocess.Popen([sys.executable, "-m", "markergen", *arguments], cwd=tmp_path, stderr=subprocess.PIPE)
     time.sleep(2)
     process.send_signal(signal.SIGTERM)
     _, complaint = process.communicate(timeout=60)

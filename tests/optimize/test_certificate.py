@@ -259,10 +259,10 @@ def test_reasons_for_no_bound(criterion):
 
 
 def test_a_design_says_how_much_better_another_layout_can_be():
-    found = design(Spec(n=5, restarts=1))
-    assert found.certificate.lower_bound <= found.value
-    assert "more than 0.1 % better" in str(found)
-    assert found.certificate is found.certify()
+    result = design(Spec(n=5, restarts=1))
+    assert result.certificate.lower_bound <= result.value
+    assert "more than 0.1 % better" in str(result)
+    assert result.certificate is result.certify()
 
 
 def test_a_gap_that_the_dots_keep_is_said_with_the_bound(monkeypatch):

@@ -61,10 +61,10 @@ def test_many_dots_are_at_once_as_good_as_the_best_regular_layout(setting):
 
 def test_what_is_found_in_a_given_time_is_marked(tmp_path):
     path, poses = tmp_path / "marker.json", "cone:distance=0.6..1.5,tilt=0..70,count=12"
-    found = design(n=14, boundary="rect:0.3x0.2", poses=poses, time="0.01s", output=path, json=tmp_path / "out.json")
-    assert found.interrupted > 0
-    assert json.loads(path.read_text())["provenance"]["search"]["interrupted_s"] == found.interrupted
-    assert json.loads((tmp_path / "out.json").read_text())["interrupted_s"] == found.interrupted
+    result = design(n=14, boundary="rect:0.3x0.2", poses=poses, time="0.01s", output=path, json=tmp_path / "out.json")
+    assert result.interrupted > 0
+    assert json.loads(path.read_text())["provenance"]["search"]["interrupted_s"] == result.interrupted
+    assert json.loads((tmp_path / "out.json").read_text())["interrupted_s"] == result.interrupted
 
 
 def test_a_time_that_is_none_is_refused():

@@ -27,11 +27,11 @@ def test_a_design_given_its_own_points_is_the_same_marker() -> None:
 
 def test_points_are_taken_in_their_order_and_make_the_spec_another() -> None:
     turned = "100mm,0mm; 0mm,100mm; -100mm,0mm; 0mm,-100mm"
-    found, other = (mg.design(points=points, poses=FEW) for points in (SQUARE, turned))
-    np.testing.assert_allclose(found.marker.xyz[:, :2] * 10, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-12)
-    assert found.spec.hash != other.spec.hash
-    stored = json.loads(json.dumps(found.marker.provenance["spec"]))
-    assert spec_from_mapping(stored, stored=True).points == found.spec.points
+    result, rotated = (mg.design(points=points, poses=FEW) for points in (SQUARE, turned))
+    np.testing.assert_allclose(result.marker.xyz[:, :2] * 10, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-12)
+    assert result.spec.hash != rotated.spec.hash
+    stored = json.loads(json.dumps(result.marker.provenance["spec"]))
+    assert spec_from_mapping(stored, stored=True).points == result.spec.points
 
 
 def test_a_far_worse_layout_is_told() -> None:
@@ -82,12 +82,12 @@ def test_points_that_cannot_be_used_are_refused(options: dict[str, object], word
 def test_a_table_of_another_unit_and_a_markers_own_table(tmp_path) -> None:
     usual = {"radius": "100mm", "relief": "20mm", "poses": FEW}
     marker = mg.design(n=4, restarts=1, output=[tmp_path / "m.csv"], **usual).marker
-    own = mg.design(points=tmp_path / "m.csv", **usual).marker
-    np.testing.assert_array_equal(own.xyz, marker.xyz)
+    loaded = mg.design(points=tmp_path / "m.csv", **usual).marker
+    np.testing.assert_array_equal(loaded.xyz, marker.xyz)
     table = tmp_path / "inches.csv"
     table.write_text("name,y [in],x_mm\na,1,0\nb,0,-25.4\nc,-1,0\nd,0,25.4\n")
-    found = mg.design(points=str(table), radius="100mm", poses=FEW).marker.xyz
-    np.testing.assert_allclose(found[:, :2] / 0.0254, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-9)
+    points = mg.design(points=str(table), radius="100mm", poses=FEW).marker.xyz
+    np.testing.assert_allclose(points[:, :2] / 0.0254, [[0, 1], [-1, 0], [0, -1], [1, 0]], atol=1e-9)
     table.write_text("x_mm,y_mm\n1,2\n3\n")
     with pytest.raises(InputError, match="line 3"):
         mg.design(points=table)

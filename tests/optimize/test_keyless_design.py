@@ -37,9 +37,9 @@ def test_the_layout_tells_the_labels():
 
 
 def test_the_key_ring_is_named_where_there_is_one():
-    found = design(Spec(n=4, restarts=1, poses=SPEC.poses))
-    assert "dot 0 is the key ring\n" in found.summary
-    assert found.labels.px[0] == np.inf
+    result = design(Spec(n=4, restarts=1, poses=SPEC.poses))
+    assert "dot 0 is the key ring\n" in result.summary
+    assert result.labels.px[0] == np.inf
     assert design(Spec(n=4, dot=0.0, restarts=1, poses=SPEC.poses)).labels is None
 
 

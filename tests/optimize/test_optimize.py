@@ -41,8 +41,8 @@ def test_homography_beats_the_regular_polygon(criterion):
 
 def test_the_worst_pose_can_be_minimized(criterion):
     objective = criterion(Circle(0.15), "pose", "max", every=3)
-    found = search(objective, BARE, 5, np.random.default_rng(0), restarts=3)
-    assert found.value <= objective(regular_polygon(5, 0.15)[None])[0] * 1.0001
+    optimum = search(objective, BARE, 5, np.random.default_rng(0), restarts=3)
+    assert optimum.value <= objective(regular_polygon(5, 0.15)[None])[0] * 1.0001
 
 
 def test_descent_never_ends_above_its_start_and_stays_feasible(criterion):
@@ -82,7 +82,7 @@ def test_the_same_seed_gives_the_same_layout(criterion):
 
 @pytest.mark.parametrize(
     ("n", "dot"),
-    [(4, 0.033), *(pytest.param(*each, marks=pytest.mark.long) for each in ((4, 0.0), (6, 0.0), (6, 0.033)))],
+    [(4, 0.033), *(pytest.param(*case, marks=pytest.mark.long) for case in ((4, 0.0), (6, 0.0), (6, 0.033)))],
 )
 def test_a_camera_from_one_side_gets_more_than_a_regular_polygon(n, dot):
     poses = poses_from("cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=100,seed=0")

@@ -70,13 +70,13 @@ def test_packed_dots_fit_in_every_shape(shape, n):
 
 @pytest.mark.parametrize(
     ("n", "best"),
-    [(4, 0.585786), *(pytest.param(*each, marks=pytest.mark.long) for each in ((8, 0.5), (10, 0.414214)))],
+    [(4, 0.585786), *(pytest.param(*case, marks=pytest.mark.long) for case in ((8, 0.5), (10, 0.414214)))],
 )
 def test_known_packings_in_squares(shapes, n, best):
     # Densest packings of 2, 4 and 5 disks in the unit square (diameters, Graham and Lubachevsky 1996), two squares of
     # 100 mm having twice as many.
-    found = largest_diameter(shapes["two squares"], n, 0.0) / 0.1
-    assert 0.99 * best <= found <= best + 1e-6
+    largest = largest_diameter(shapes["two squares"], n, 0.0) / 0.1
+    assert 0.99 * best <= largest <= best + 1e-6
 
 
 def test_counting_in_squares_agrees_with_known_packings(shapes):

@@ -33,8 +33,8 @@ def some_layout(room, n=6, seed=0):
     [
         (Spec(n=6, dot=0.0, clearance=0.0, relief=0.05, restarts=2), 1.15),
         *(
-            pytest.param(Spec(n=6, relief=0.02, objective="rotation", restarts=4, **each), most, marks=pytest.mark.long)
-            for each, most in (({"dot": 0.0, "clearance": 0.0}, 1.75), ({"dot": 0.03}, 1.95))
+            pytest.param(Spec(n=6, relief=0.02, objective="rotation", restarts=4, **dots), most, marks=pytest.mark.long)
+            for dots, most in (({"dot": 0.0, "clearance": 0.0}, 1.75), ({"dot": 0.03}, 1.95))
         ),
         (Spec(n=6, dot=0.03, relief=0.05, restarts=2), 1.55),
     ],

@@ -137,7 +137,7 @@ def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(
     [
         ("rotation", 10),
         ("homography", 16),
-        *(pytest.param(*each, marks=pytest.mark.long) for each in (("rotation", 16), ("homography", 20))),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in (("rotation", 16), ("homography", 20))),
     ],
 )
 def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
@@ -156,7 +156,7 @@ def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
     ("room", "name"),
     [
         ("L", "rotation"),
-        *(pytest.param(*each, marks=pytest.mark.long) for each in (("rectangle", "homography"), ("ring", "condition"))),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in (("rectangle", "homography"), ("ring", "condition"))),
     ],
 )
 def test_it_is_no_worse_than_what_it_is_compared_with(rooms, criterion, room, name):
