@@ -170,7 +170,8 @@ def dots_of(rims: Rims, sizes: Array) -> DotSet:
         ALIKE
     )
     free, rows = sized.copy(), []
-    for index in np.flatnonzero(sized):
+    # From above, since a dot on the far face of a body may lie almost behind this one.
+    for index in np.argsort(-level_rims.centers[:, 2], kind="stable"):
         if not free[index]:
             continue
         apart = np.linalg.norm(level_rims.centers[:, :2] - level_rims.centers[index, :2], axis=1)

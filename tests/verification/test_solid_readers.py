@@ -22,7 +22,7 @@ from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.verification import solid_files, verify
 from markergen.verification.check import verify_all
-from markergen.verification.rims import rims_of
+from markergen.verification.rims import Rims, dots_of, rims_of
 from markergen.verification.solid_files import open_edges
 from markergen.workshop.formats.meshes import VOLUMES
 from markergen.workshop.processes import parts_of
@@ -250,6 +250,18 @@ def test_the_parser_says_what_is_missing():
     # Without arrays.
     assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 16
     assert "OCP" in json.loads(run.stdout[8:-8])["missing"]
+
+
+def test_a_ring_in_front_of_a_dot_on_the_far_face_stays_a_ring():
+    """0.45 mm beside the far dot's middle, the outer circle of the ring is around that, the inner one is not."""
+    far = [0.45, 0, -80]
+    rims = Rims(
+        np.array([far, [0, 0, 0], [0, 0, 0], [0, 0, -0.6]]), np.array([[0, 0, -1.0], [0, 0, 1], [0, 0, 1], [0, 0, -1]]),
+        np.array([4.5, 4.5, 2.24, 4.5]), np.zeros(4), np.array([0, 1, 1, 1]), np.full(4, 9.0),
+    )  # fmt: skip
+    dots = dots_of(rims, np.array([4.5]))
+    assert dots.inner.tolist() == [2.24]
+    assert dots.centers.tolist() == [[0, 0]]
 
 
 def test_rims_of_boxes_and_cylinders_that_touch():
