@@ -113,6 +113,10 @@ class Hole:
         return f"the {'dowel hole' if self.use == 'dowel' else 'hole'} {kind} at {place}"
 
 
+MEASURES = ("thickness", "edge", "corner_radius", "chamfer")
+"""Names of the lengths of a plate, which a solid records beside the options of its export."""
+
+
 @dataclass(frozen=True)
 class Substrate:
     """A plate whose upper face is z = 0.

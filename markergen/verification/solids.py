@@ -4,7 +4,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +18,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.openings import openings
 from markergen.model.rig import Rig
-from markergen.model.substrate import Substrate
+from markergen.model.substrate import EDGE, MEASURES, Substrate
 from markergen.verification.findings import AGAIN, UNTAGGED, Verdict, extras, judge
 from markergen.verification.lines import line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.matching import ALIKE
@@ -61,7 +61,7 @@ WHOLE = "export it again with all of its parts"
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
 
-RECORD = re.compile(rb'(?:markergen export"?:? ?|, mm )(\{[^{}]*\})')
+RECORD = re.compile(rb'(?:markergen export"?:? ?|mm )(\{[^{}]*\})')
 """Options of an export: in the header of an STL or STEP, the asset of a GLB, the comment of a 3MF's archive."""
 
 DOT = re.compile(r"dot-(\d+)(-core)?$")
@@ -74,9 +74,9 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     solid = _once(solid)
     if volume_of(solid.shell.corners) < 0:
         solid = replace(solid, flaws=(*solid.flaws, "it is inside out"))
-    recorded, thickness = _recorded(data)
+    recorded, lengths = _recorded(data)
     asked = settings.fabrication if recorded is None else recorded
-    usual, body = body, _as_thick(body, thickness)
+    usual, body = body, _on_plate(body, lengths)
     best = partial(best_wanted, asked=asked, recorded=recorded is not None, corners=solid.shell.corners,
                    bare=not solid.is_named)  # fmt: skip
     try:
@@ -88,7 +88,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     thicker = filter(None, (_thickness(body, solid, wanted, 1e3 * tolerance) for wanted in choices))
     if (other := next(thicker, None)) is not None:
         with suppress(InputError, OutputError):
-            choices = [best(_as_thick(body, other))[0], *choices]
+            choices = [best(_on_plate(body, {"thickness": other}))[0], *choices]
     if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
         solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
@@ -109,16 +109,13 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     kinds = {finding.kind for finding in check.findings}
     if not (several or kinds & WHOLLY or is_strange(check)) and (len(check.findings) > 1 or kinds & STRETCHED):
         check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
-    notes = [*check.notes]
-    if wanted.body != usual:
-        sizes = (1e3 * design.plates[0].marker.substrate.thickness for design in (wanted.body, usual))
-        sentence = "the plate is {:.5g} mm thick, where marker.json says {:.6g} mm".format(*sizes)
-        if wanted.body == body:
-            notes.append(sentence)
-        else:
-            remedy = "export it again, or give the --thickness that export was given"
-            check = replace(check, findings=(Finding("thickness", sentence, remedy), *check.findings))
-    elif {finding.kind for finding in check.findings} & {"hole", "outline", "extra"}:
+    recorded_plate, usual_plate = (design.plates[0].marker.substrate for design in (body, usual))
+    notes = [*check.notes, *_other_lengths(recorded_plate, usual_plate)]
+    if wanted.body != body:
+        [sentence] = _other_lengths(wanted.body.plates[0].marker.substrate, recorded_plate)
+        remedy = "export it again, or give the --thickness that export was given"
+        check = replace(check, findings=(Finding("thickness", sentence, remedy), *check.findings))
+    if {finding.kind for finding in check.findings} & {"hole", "outline", "extra"}:
         notes.append(
             "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
         )
@@ -157,17 +154,16 @@ def _once(solid: Solid) -> Solid:
     return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"), solid.volumes)
 
 
-def _recorded(data: bytes) -> tuple[Fabrication | None, float | None]:
-    """Options that a file records, and the thickness of its plate in m; None without any that are understood."""
+def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, float]]:
+    """Options that a file records, and lengths of its plate in m; None without any that are understood."""
     match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
     try:
-        record = json.loads(match[1]) if match else None
-        thickness = record and record.pop("thickness", None)
-        if thickness is not None:
-            Substrate(thickness=thickness)
-        return (None if record is None else Fabrication(**record)), thickness
-    except (ValueError, TypeError, InputError):
-        return None, None
+        record = json.loads(match[1]) if match else {}
+        lengths = {name: record.pop(name) for name in MEASURES if name in record}
+        Substrate(**lengths)
+        return (Fabrication(**record) if match else None), lengths
+    except (ValueError, TypeError, AttributeError, InputError):
+        return None, {}
 
 
 def _is_elsewhere(check: Check) -> bool:
@@ -255,17 +251,30 @@ def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> flo
     return round(thickness, 6) / 1e3
 
 
-def _as_thick(body: Body, thickness: float | None) -> Body:
-    """The body on a plate of some thickness in m, as `export --thickness` makes it."""
-    if thickness is None:
+def _on_plate(body: Body, lengths: Mapping[str, float]) -> Body:
+    """The body on plates with some of `MEASURES` in m, as export makes it with their options."""
+    if not lengths:
         return body
 
-    def on_plate(marker: Marker, thick: float = thickness) -> Marker:
-        return replace(marker, substrate=replace(marker.substrate, thickness=thick))
+    def on_plate(marker: Marker) -> Marker:
+        return replace(marker, substrate=replace(marker.substrate, **lengths))
 
     if isinstance(body, Rig):
         return replace(body, markers=tuple(replace(plate, marker=on_plate(plate.marker)) for plate in body.markers))
     return on_plate(body.plates[0].marker)
+
+
+def _other_lengths(plate: Substrate, usual: Substrate) -> list[str]:
+    """Sentences about lengths of a plate that are not those of marker.json."""
+    sentences = []
+    for name in MEASURES:
+        have, want = getattr(plate, name), getattr(usual, name)
+        if have != want:
+            what = "plate is {} thick" if name == "thickness" else f"plate's {name.replace('_', ' ')} is {{}}"
+            sizes = (EDGE if length is None else length for length in (have, want))
+            have, want = (f"{1e3 * length:.6g} mm" for length in sizes)
+            sentences.append(f"the {what.format(have)}, where marker.json says {want}")
+    return sentences
 
 
 @dataclass(frozen=True)

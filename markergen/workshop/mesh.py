@@ -415,9 +415,10 @@ def stl_of(corners: Array, name: str, unit: str, record: str = "") -> bytes:
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
     # A text STL begins with "solid", so a binary one must not.
-    # How fine and how thick it is, it shows.
-    shorter = [re.sub(rf',?"(?:{keys})":[^,}}]*', "", record) for keys in ("tolerance", "tolerance|thickness")]
-    headers = [f"{name}, {unit} {text}" for text in (record, *shorter) if text]
+    # How fine and how thick it is, it shows, and marker.json mostly has its edge.
+    left_out = ("tolerance", "tolerance|edge", "tolerance|edge|thickness")
+    shorter = [re.sub(rf',?"(?:{keys})":[^,}}]*', "", record) for keys in left_out]
+    headers = [f"{title}{unit} {text}" for text in (record, *shorter) if text for title in (f"{name}, ", "")]
     headers += [f"{name}, markergen {markergen.__version__}, {unit}", f"{name}, {unit}"][bool(record) :]
     header = next(text for text in headers if len(text) <= 80)
     return header.encode("ascii").ljust(80) + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()

@@ -346,6 +346,19 @@ def test_another_thickness_is_an_error_unless_it_is_recorded(marker, parts, tmp_
         assert text in check.notes
 
 
+@pytest.mark.parametrize("suffix", [".stl", pytest.param(".step", marks=pytest.mark.long)])
+def test_lengths_of_a_plate_that_a_file_records_are_notes(marker, tmp_path, suffix):
+    other = replace(marker, substrate=replace(marker.substrate, thickness=0.006, corner_radius=0.002, chamfer=0.001))
+    save(other, [tmp_path / f"a{suffix}"], ExportOptions(fabrication=Fabrication(engrave=False)))
+    check = verify(marker, tmp_path / f"a{suffix}")
+    assert check.passed, check.findings
+    assert check.notes == (
+        sentence("plate thickness", "6 mm", "4 mm"),
+        "the plate's corner radius is 2 mm, where marker.json says 0 mm",
+        "the plate's chamfer is 1 mm, where marker.json says 0 mm",
+    )
+
+
 def test_options_of_a_plate_that_verify_lacks_are_asked_for(marker, parts, tmp_path):
     other = replace(marker, substrate=replace(marker.substrate, chamfer=0.001))
     path = written(tmp_path / "a.stl", parts(other, FABRICATION, ".stl"))

@@ -30,7 +30,7 @@ from markergen.model.body_json import rig_name
 from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
-from markergen.model.substrate import Substrate
+from markergen.model.substrate import MEASURES, Substrate
 from markergen.occt import import_kernel
 from markergen.solid.plate import plate_size
 from markergen.solid.primitives import COLORS, OTHER, BodyPart, Part, PosedPart, Primitive, Prism
@@ -389,7 +389,7 @@ def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0
     return wire.Wire()
 
 
-HIDDEN = ("depth", "gap", "tool", "draft", "foot", "thickness")
+HIDDEN = ("depth", "gap", "tool", "draft", "foot", *MEASURES)
 """Options that a solid does not show by itself, or shows as if it were stretched."""
 
 EXPORTED = "markergen export"
@@ -440,9 +440,10 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
         check_no_overlap(made, body)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
     asked = options.fabrication.shape_options
-    thicknesses = {plate.marker.substrate.thickness for plate in body.plates}
-    if thicknesses != {Substrate().thickness} and len(thicknesses) == 1:
-        asked["thickness"] = thicknesses.pop()
+    for measure in MEASURES:
+        lengths = {getattr(plate.marker.substrate, measure) for plate in body.plates}
+        if len(lengths) == 1 and lengths != {getattr(Substrate, measure)}:
+            asked[measure] = lengths.pop()
     # A process and what it leaves out show; verify finds those by itself.
     record = json.dumps(asked, separators=(",", ":")) if set(asked) & set(HIDDEN) else ""
     return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options), record)
