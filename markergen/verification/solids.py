@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -154,7 +155,7 @@ def _once(solid: Solid) -> Solid:
     return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"), solid.volumes)
 
 
-def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, float]]:
+def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, Any]]:
     """Options that a file records, and lengths of its plate in m; None without any that are understood."""
     match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
     try:
@@ -251,7 +252,7 @@ def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> flo
     return round(thickness, 6) / 1e3
 
 
-def _on_plate(body: Body, lengths: Mapping[str, float]) -> Body:
+def _on_plate(body: Body, lengths: Mapping[str, Any]) -> Body:
     """The body on plates with some of `MEASURES` in m, as export makes it with their options."""
     if not lengths:
         return body
