@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from markergen.drawing.paper import MARKER_FILE
-from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, union
+from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, mapped_path, union
 from markergen.errors import InputError
 from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
@@ -53,11 +53,8 @@ class Figure:
     def tag(self) -> tuple[FilledPath, ...]:
         """Ink of the tag, if there is one."""
         fx, fy = self.factor
-        outlines = []
-        for outline in marker_tag(self.marker):
-            segments = ((command, tuple((x * fx, y * fy) for x, y in points)) for command, points in outline.segments)
-            outlines.append(replace(outline, segments=tuple(segments), color=self.ink))
-        return tuple(outlines)
+        outlines = (replace(outline, color=self.ink) for outline in marker_tag(self.marker))
+        return tuple(mapped_path(outline, lambda x, y: (x * fx, y * fy)) for outline in outlines)
 
     @cached_property
     def tag_zone(self) -> Box | None:

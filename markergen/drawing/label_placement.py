@@ -7,7 +7,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.drawing.figure import quiet_radius
-from markergen.drawing.scene import Box, Disk
+from markergen.drawing.scene import Box, Disk, overlaps
 from markergen.drawing.text import text_width
 
 ANGLES = np.deg2rad([0, *(sign * step for step in range(10, 180, 10) for sign in (1, -1)), 180])
@@ -84,7 +84,7 @@ def _free(
     ink: Array,
     taken: Sequence[Box],
 ) -> bool:
-    left, bottom, right, top = _box(middle, half)
+    left, bottom, right, top = box = _box(middle, half)
     if left < page[0] or bottom < page[1] or right > page[2] or top > page[3]:
         return False
     gap = np.hypot(*np.maximum(np.abs(centers - middle) - half, 0).T) - quiet
@@ -92,13 +92,9 @@ def _free(
         return False
     if len(ink) and np.any(np.all(np.abs(ink - middle) < half, axis=-1)):
         return False
-    return not any(left < box[2] and right > box[0] and bottom < box[3] and top > box[1] for box in taken)
+    return not any(overlaps(box, other) for other in taken)
 
 
 def _box(middle: Array, half: Array) -> Box:
-    return (
-        float(middle[0] - half[0]),
-        float(middle[1] - half[1]),
-        float(middle[0] + half[0]),
-        float(middle[1] + half[1]),
-    )
+    (left, bottom), (right, top) = (middle - half).tolist(), (middle + half).tolist()
+    return left, bottom, right, top

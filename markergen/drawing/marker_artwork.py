@@ -25,6 +25,7 @@ from markergen.drawing.scene import (
     Shape,
     around_origin,
     bounds,
+    frame_lines,
     ink_points,
     overlap,
     rectangle,
@@ -121,7 +122,7 @@ def draw_artwork(
     ]
     height = NUMBER_HEIGHT * scale
     names = [str(point.id) for point in marker.control_points]
-    labels = [Line(_around(bounds(shape)), FINE) for shape in figure.beside]
+    labels = [frame_lines(bounds(shape), FINE) for shape in figure.beside]
     taken = ink_points([*cut, *free, *cross, *on_boundary, *labels])
     if ink is not None:
         taken = np.concatenate([taken, ink])
@@ -147,12 +148,6 @@ def draw_artwork(
         tuple(name for name, place in zip(names, places, strict=True) if place is None),
         _notes(figure, cut, free),
     )
-
-
-def _around(box: Box) -> tuple[tuple[float, float], ...]:
-    """Closed line around a box."""
-    left, bottom, right, top = box
-    return (left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)
 
 
 def axis_ticks(

@@ -25,13 +25,15 @@ from markergen.drawing.scene import (
     HAIRLINE,
     LIGHT,
     Box,
-    Disk,
     Line,
     Point,
     Shape,
     Sheet,
     bounds,
+    corners,
+    mapped,
     moved_layers,
+    overlaps,
     polygon,
     renamed,
     scene_of,
@@ -190,6 +192,11 @@ class Placed:
     def __call__(self, points: Array) -> Array:
         """Transform points (..., 2)."""
         return points @ self.rotation.T + self.translation
+
+    def moved(self, shape: Shape) -> Shape:
+        """Shape at its place on the net."""
+        ((a, b), (c, d)), (x, y) = self.rotation.tolist(), self.translation.tolist()
+        return mapped(shape, lambda u, v: (a * u + b * v + x, c * u + d * v + y))
 
 
 @dataclass(frozen=True)
@@ -391,12 +398,12 @@ def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[
         figure, place = Figure(plate.marker.as_designed, ink=colors.ink), net.places[k]
         artwork = draw_artwork(figure, replace(colors, paper="#ffffff", ink=BLACK), 0.8, figure.outline)
         face = Region.polygon([edge.start for edge in net.edges[k]])
-        numbers = [shape for shape in artwork.layers["text"] if face.depth(_corners(bounds(shape))).min() > 0]
+        numbers = [shape for shape in artwork.layers["text"] if face.depth(corners(bounds(shape))).min() > 0]
         face_layers = {
             "ground": (polygon(_points(net.outlines[k]), "ground", colors.paper),) if colors.grounded else (),
-            "dots": tuple(_moved(shape, place) for shape in artwork.layers["dots"]),
-            "tag": tuple(_moved(shape, place) for shape in artwork.layers["tag"]),
-            "text": tuple(_moved(shape, place) for shape in (*numbers, *_name(plate.name, figure, face, numbers))),
+            "dots": tuple(place.moved(shape) for shape in artwork.layers["dots"]),
+            "tag": tuple(place.moved(shape) for shape in artwork.layers["tag"]),
+            "text": tuple(place.moved(shape) for shape in (*numbers, *_name(plate.name, figure, face, numbers))),
         }
         layers.append({name: renamed(shapes, f"marker-{k + 1}-") for name, shapes in face_layers.items()})
     cut, marks, texts = list[Shape](), list[Shape](), list[Shape]()
@@ -423,26 +430,6 @@ def _points(corners: Array) -> tuple[tuple[float, float], ...]:
     return tuple((x, y) for x, y in corners.tolist())
 
 
-def _moved(shape: Shape, place: Placed) -> Shape:
-    """Shape at its place on the net."""
-    if isinstance(shape, Disk):
-        x, y = place(np.array([shape.x, shape.y]))
-        return replace(shape, x=float(x), y=float(y))
-    if isinstance(shape, Line):
-        return replace(shape, points=_points(place(np.array(shape.points))))
-    return replace(
-        shape,
-        segments=tuple(
-            (command, _points(place(np.array(points).reshape(-1, 2)))) for command, points in shape.segments
-        ),
-    )
-
-
-def _corners(box: Box) -> Array:
-    left, bottom, right, top = box
-    return np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
-
-
 def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> list[Shape]:
     """Name of a face near an edge, where dots and their numbers leave room; none if there is none."""
     left, bottom, right, top = figure.outline
@@ -455,14 +442,10 @@ def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> 
             low, high = np.array([x, y]), np.array([x + width, y + TEXT])
             gaps = [np.hypot(*(np.clip((d.x, d.y), low, high) - (d.x, d.y))) - 2 * d.radius for d in figure.dots]
             apart = all((box[0] > high + 1).any() or (box[1] < low - 1).any() for box in boxes)
-            tag = figure.tag_zone is None or not _overlap((*low, *high), figure.tag_zone)
-            if apart and tag and min(gaps) > 0 and face.depth(_corners((*low, *high))).min() > 0.5:
+            tag = figure.tag_zone is None or not overlaps((*low, *high), figure.tag_zone)
+            if apart and tag and min(gaps) > 0 and face.depth(corners((*low, *high))).min() > 0.5:
                 return [text(name, float(x), float(y), TEXT, color=GRAY, name="plate-name")]
     return []
-
-
-def _overlap(a: Box, b: Box) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _dashes(ends: Array, name: str) -> list[Shape]:
@@ -504,7 +487,7 @@ def _flap_words(flap: Flap, rig: Marker | Rig, number: int) -> list[Shape]:
     blank = np.array([[-width, -white], [width, -white], [width, white], [-width, white]])
     return [
         polygon(_points(place(blank)), f"flap-blank-{number}", "#ffffff"),
-        _moved(text(label, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}"), place),
+        place.moved(text(label, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}")),
     ]
 
 

@@ -1,6 +1,6 @@
 """Scene: a display list in millimeters, y up, replayed by every file format. Formats are independent of markers."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, pi, sqrt
 
@@ -169,6 +169,11 @@ def union(first: Box, *others: Box) -> Box:
     )
 
 
+def overlaps(a: Box, b: Box) -> bool:
+    """True if two boxes have more than an edge in common."""
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
 def overlap(a: Box, b: Box) -> Box:
     """Intersection of two boxes that overlap."""
     return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])
@@ -199,22 +204,28 @@ def moved_layers(layers: Mapping[str, Sequence[Shape]], dx: float, dy: float) ->
 
 def moved(shape: Shape, dx: float, dy: float) -> Shape:
     """Shape moved by (dx, dy) mm."""
-    if isinstance(shape, Disk):
-        return replace(shape, x=shape.x + dx, y=shape.y + dy)
-    if isinstance(shape, Line):
-        return replace(shape, points=tuple((x + dx, y + dy) for x, y in shape.points))
-    return replace(
-        shape,
-        segments=tuple([(command, tuple([(x + dx, y + dy) for x, y in points])) for command, points in shape.segments]),
-    )
+    return mapped(shape, lambda x, y: (x + dx, y + dy))
 
 
 def turned(outline: FilledPath, x: float, y: float) -> FilledPath:
     """Path rotated a quarter turn counterclockwise about (x, y)."""
-    segments = (
-        (command, tuple((x - (py - y), y + (px - x)) for px, py in points)) for command, points in outline.segments
-    )
-    return replace(outline, segments=tuple(segments))
+    return mapped_path(outline, lambda px, py: (x - (py - y), y + (px - x)))
+
+
+def mapped(shape: Shape, to: Callable[[float, float], Point]) -> Shape:
+    """Shape whose points are moved by a function; radii and widths stay."""
+    if isinstance(shape, Disk):
+        x, y = to(shape.x, shape.y)
+        return replace(shape, x=x, y=y)
+    if isinstance(shape, Line):
+        return replace(shape, points=tuple([to(x, y) for x, y in shape.points]))
+    return mapped_path(shape, to)
+
+
+def mapped_path(path: FilledPath, to: Callable[[float, float], Point]) -> FilledPath:
+    """Path whose points are moved by a function."""
+    segments = [(command, tuple([to(x, y) for x, y in points])) for command, points in path.segments]
+    return replace(path, segments=tuple(segments))
 
 
 def renamed(shapes: Iterable[Shape], prefix: str) -> tuple[Shape, ...]:
@@ -222,9 +233,25 @@ def renamed(shapes: Iterable[Shape], prefix: str) -> tuple[Shape, ...]:
     return tuple(replace(shape, name=prefix + shape.name) if shape.name else shape for shape in shapes)
 
 
+def corners(box: Box) -> tuple[Point, Point, Point, Point]:
+    """Corners of a box, counterclockwise from the lower left."""
+    left, bottom, right, top = box
+    return (left, bottom), (right, bottom), (right, top), (left, top)
+
+
 def rectangle(box: Box, name: str, color: str) -> FilledPath:
     """Filled box."""
-    return polygon([(box[0], box[1]), (box[2], box[1]), (box[2], box[3]), (box[0], box[3])], name, color)
+    return polygon(corners(box), name, color)
+
+
+def frame_lines(box: Box, width: float, name: str = "", color: str = BLACK) -> Line:
+    """Closed line around a box."""
+    return closed_line(corners(box), width, name, color)
+
+
+def closed_line(points: Sequence[Point], width: float, name: str = "", color: str = BLACK) -> Line:
+    """Line through points and back to the first."""
+    return Line((*points, points[0]), width, name, color)
 
 
 def polygon(points: Sequence[Point], name: str, color: str) -> FilledPath:
@@ -244,7 +271,7 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
         if left >= box[0] and bottom >= box[1] and right <= box[2] and top <= box[3]:
             yield shape
             continue
-        if left >= box[2] or bottom >= box[3] or right <= box[0] or top <= box[1]:
+        if not overlaps((left, bottom, right, top), box):
             continue
         if isinstance(shape, Line):
             for number, run in enumerate(window.runs(shape.points), 1):

@@ -50,6 +50,7 @@ from markergen.drawing.scene import (
     Sheet,
     bounds,
     clipped,
+    frame_lines,
     ink_points,
     moved_layers,
     polygon,
@@ -659,8 +660,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         for line in cut_lines(figure, BLACK_ON_WHITE)
     ]
     marks += edges
-    corners = (at(left, bottom), at(right, bottom), at(right, top), at(left, top), at(left, bottom))
-    marks.append(Line(corners, FINE, "plan-edge", GRAY))
+    marks.append(frame_lines((*at(left, bottom), *at(right, top)), FINE, "plan-edge", GRAY))
     for index, x in enumerate(tiles.across.places):
         marks += _dashed(at(x, bottom), at(x, top), f"plan-across-{index}")
     for index, y in enumerate(tiles.upward.places):

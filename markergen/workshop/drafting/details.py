@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from markergen.drawing.scene import Box, Shape, bounds
+from markergen.drawing.scene import Box, Shape, bounds, frame_lines, overlaps
 from markergen.drawing.text import text_width
 from markergen.geometry.contour import Contour
 from markergen.workshop.drafting.drawing import BackText, Dimension, SectionView, ViewFace, Workpiece, around
@@ -19,7 +19,6 @@ from markergen.workshop.drafting.pen import (
     center_line,
     cut_edges,
     drawn,
-    frame_lines,
     lettering,
     scale_words,
     vertical_dimension,
@@ -121,7 +120,7 @@ def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     for text in sorted(work.engraved, key=lambda engraving: -len(engraving.lines[0])):
         lines = _back_text(text, view, least)
         boxes = [bounds(line) for line in lines]
-        if not any(a[0] < c[2] and c[0] < a[2] and a[1] < c[3] and c[1] < a[3] for a in boxes for c in taken):
+        if not any(overlaps(box, other) for box in boxes for other in taken):
             shapes += lines
             taken += boxes
     title = f"Seen from the back, {scale_words(scale)}{remark}"

@@ -18,6 +18,8 @@ from markergen.drawing.scene import (
     Point,
     Shape,
     bounds,
+    closed_line,
+    frame_lines,
     polygon,
     rectangle,
     turned,
@@ -156,8 +158,8 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     if face.material == "engraved":
         return shapes
     width = THIN / 2 if face.fine else THICK
-    shapes += [Line((*ring, ring[0]), width) for ring in rings]
-    return shapes + [Line((*edge, edge[0]), THIN) for edge in map(view.trace, face.edges)]
+    shapes += [closed_line(ring, width) for ring in rings]
+    return shapes + [closed_line(view.trace(edge), THIN) for edge in face.edges]
 
 
 def inside(point: Point, ring: Sequence[Point]) -> bool:
@@ -320,13 +322,6 @@ def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:
         Line((tip, elbow), THIN),
         arrow(tip, (tip[0] - elbow[0], tip[1] - elbow[1]), style),
     ]
-
-
-def frame_lines(box: Box, width: float) -> Line:
-    """Closed line around a box."""
-    left, bottom, right, top = box
-    corners = (left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)
-    return Line(corners, width)
 
 
 def scale_words(scale: float) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.drawing.paper import LEAST_ROOM, Frame, SheetOptions
-from markergen.drawing.scene import GRAY, Box, Line, Point, Shape
+from markergen.drawing.scene import GRAY, Box, Line, Point, Shape, closed_line
 from markergen.drawing.text import text_width
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, flattened
@@ -742,7 +742,7 @@ def _spot(at: Point, style: Style) -> list[Shape]:
     """End of a leader within a face."""
     half = 0.35 * style.scale
     corners = ((at[0] - half, at[1]), (at[0], at[1] - half), (at[0] + half, at[1]), (at[0], at[1] + half))
-    return [Line((*corners, corners[0]), 2 * THIN)]
+    return [closed_line(corners, 2 * THIN)]
 
 
 def _axes(view: RigView, at: DrawingView, style: Style) -> list[Shape]:

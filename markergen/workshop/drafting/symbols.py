@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import cos, hypot, pi, sin
 
-from markergen.drawing.scene import BLACK, Box, Line, Point, Shape, polygon
+from markergen.drawing.scene import BLACK, Box, Line, Point, Shape, closed_line, frame_lines, polygon
 from markergen.drawing.text import text_width
 from markergen.workshop.drafting.drawing import Control
-from markergen.workshop.drafting.pen import THIN, WORDS, Style, arrow, frame_lines, lettering
+from markergen.workshop.drafting.pen import THIN, WORDS, Style, arrow, lettering
 
 FRAME = 2.0
 """Height of a tolerance frame and of a datum's box, in cap heights."""
@@ -122,7 +122,7 @@ def projection_symbol(x: float, y: float, height: float, first: bool) -> list[Sh
     low, high = (big, small) if first else (small, big)
     # The wide end is on the left in first-angle projection, and its rings to the right.
     sides = ((cone, middle - low), (cone + height, middle - high), (cone + height, middle + high), (cone, middle + low))
-    shapes: list[Shape] = [Line((*sides, sides[0]), THIN)]
+    shapes: list[Shape] = [closed_line(sides, THIN)]
     shapes += [_circle(ring, middle, radius) for radius in (big, small)]
     over = 0.12 * height
     shapes.append(Line(((cone - over, middle), (cone + height + over, middle)), THIN / 2))
@@ -157,7 +157,7 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
             (x + 1.3 * h, y + 0.7 * h),
             (x - 0.6 * h, y + 0.7 * h),
         )
-        return [Line((*corners, corners[0]), THIN)]
+        return [closed_line(corners, THIN)]
     if symbol == "perpendicularity":
         foot = y - 0.8 * h
         return [Line(((x - h, foot), (x + h, foot)), THIN), Line(((x, foot), (x, y + h)), THIN)]
@@ -167,14 +167,13 @@ def _characteristic(symbol: str, x: float, y: float, height: float) -> list[Shap
     if symbol == "angularity":
         return [Line(((x + 0.9 * h, y + 0.7 * h), (x - h, y - 0.8 * h), (x + h, y - 0.8 * h)), THIN)]
     angles = [pi * k / 12 for k in range(13)]
-    arc = tuple((x + 1.1 * h * cos(angle), y - 0.5 * h + 1.1 * h * sin(angle)) for angle in angles)
-    return [Line((*arc, arc[0]), THIN)]
+    arc = [(x + 1.1 * h * cos(angle), y - 0.5 * h + 1.1 * h * sin(angle)) for angle in angles]
+    return [closed_line(arc, THIN)]
 
 
 def _circle(x: float, y: float, radius: float) -> Line:
     angles = [2 * pi * k / 32 for k in range(32)]
-    ring = tuple((x + radius * cos(angle), y + radius * sin(angle)) for angle in angles)
-    return Line((*ring, ring[0]), THIN)
+    return closed_line([(x + radius * cos(angle), y + radius * sin(angle)) for angle in angles], THIN)
 
 
 def interrupted(shapes: Sequence[Shape], boxes: Sequence[Box], air: float) -> list[Shape]:

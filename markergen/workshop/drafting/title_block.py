@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import markergen
 from markergen.drawing.paper import AMERICAN, Frame, Paper
-from markergen.drawing.scene import GRAY, Line, Shape
+from markergen.drawing.scene import GRAY, Line, Shape, frame_lines
 from markergen.drawing.text import text_width
 from markergen.workshop.drafting.drawing import TitleBlock
-from markergen.workshop.drafting.pen import LETTERS, THICK, THIN, frame_lines, lettering
+from markergen.workshop.drafting.pen import LETTERS, THICK, THIN, lettering
 from markergen.workshop.drafting.symbols import finish_symbol, projection_symbol
 
 BLANK = 21.0

@@ -25,7 +25,19 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.drawing.label_placement import place_numbers
 from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
-from markergen.drawing.scene import GRAY, Box, Disk, Line, Point, Shape, bounds, ink_points, union
+from markergen.drawing.scene import (
+    GRAY,
+    Box,
+    Disk,
+    Line,
+    Point,
+    Shape,
+    bounds,
+    frame_lines,
+    ink_points,
+    overlaps,
+    union,
+)
 from markergen.drawing.text import text_width
 from markergen.errors import InputError
 from markergen.geometry.region import line_distances
@@ -245,8 +257,7 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
     shapes += [*lines, *numbers[1], *outside, *sizes]
     marks = [bounds(shape) for shape in shapes if shape.name]
-    left, bottom, right, top = layout.side.box(around(work.side))
-    edges = Line(((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)), THIN)
+    edges = frame_lines(layout.side.box(around(work.side)), THIN)
     avoided = [edges, *(shape for shape in sizes if isinstance(shape, Line))]
     west, south, east, _ = view.box(around(work.front))
     free = (drawing_area(frame)[0], south, west - _around(work, style).left - 2 * style.scale, layout.callouts[3])
@@ -361,8 +372,8 @@ def _clear(at: Point, label: str, height: float, spots: Array, taken: Sequence[B
     for reach, angle in product(np.arange(1.0, 6.0, 0.5) * height, np.radians([90, 270, 180, 0, 135, 45, 225, 315])):
         x, y = at[0] + reach * np.cos(angle), at[1] + reach * np.sin(angle)
         gaps = np.linalg.norm(np.maximum(np.abs(spots[:, :2] - [x, y]) - half, 0), axis=1) - spots[:, 2]
-        left, bottom, right, top = x - half[0], y - half[1], x + half[0], y + half[1]
-        if gaps.min() > 0.3 and not any(a < right and left < c and b < top and bottom < d for a, b, c, d in taken):
+        box = x - half[0], y - half[1], x + half[0], y + half[1]
+        if gaps.min() > 0.3 and not any(overlaps(box, other) for other in taken):
             return float(x), float(y)
     return at
 
