@@ -16,6 +16,7 @@ from markergen.geometry.region import Region
 from markergen.model.marker import ControlPoint, Marker, marker_name
 from markergen.solid.plate import grouped
 from markergen.solid.primitives import Primitive, Prism, mm
+from markergen.workshop.drafting.drawing import EngravedText
 from markergen.workshop.manufacturability import FLOOR
 from markergen.workshop.projection import plan
 
@@ -48,15 +49,6 @@ SHAPE = 0.006
 
 MOST_BULGE = 0.8
 """Maximum bulge of one arc in a letter: nearly a half turn."""
-
-
-@dataclass(frozen=True)
-class EngravedText:
-    """Lines of text, the height of their capitals, and the box that they occupy in plan view; mm."""
-
-    lines: tuple[str, ...]
-    height: float
-    box: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)

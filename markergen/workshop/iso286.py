@@ -117,16 +117,6 @@ def core_fit(kind: str, diameter: float) -> DiscFit:
     return DiscFit(core, bore, fit.gap, fit.play)
 
 
-def reamed(diameter: float) -> SizeLimits:
-    """H7 of a hole for a dowel pin; raises as `disc_fit` does."""
-    return _limits("H7", diameter, H7[_range(diameter)], 0)
-
-
-def drilled(diameter: float) -> SizeLimits:
-    """H13 of a clearance hole of the medium series of ISO 273; raises as `disc_fit` does."""
-    return _limits("H13", diameter, H13[_range(diameter)], 0)
-
-
 CLASSES = {"H6": H6, "H7": H7, "H8": H8, "H13": H13}
 """Tolerance classes of holes that can be asked for."""
 

@@ -1,7 +1,7 @@
 import pytest
 
 from markergen.errors import InputError
-from markergen.workshop.iso286 import STEPS, core_fit, disc_fit, drilled, reamed
+from markergen.workshop.iso286 import STEPS, core_fit, disc_fit, hole_class
 
 
 def test_fits_are_tabulated_up_to_500_mm():
@@ -34,5 +34,5 @@ def test_limits_are_those_of_iso_286_2():
         assert limits == pytest.approx((upper / 1e3, lower / 1e3, wide / 1e3, 0))
         # It fits as its disc in its pocket does.
         assert fit.gap == disc_fit(kind, size).gap == pytest.approx(max(-fit.disc.upper / 2, 0))
-    assert reamed(4).words == "H7 (+0.012 / 0)"
-    assert drilled(4.5).words == "H13 (+0.180 / 0)"
+    assert hole_class("H7", 4).words == "H7 (+0.012 / 0)"
+    assert hole_class("H13", 4.5).words == "H13 (+0.180 / 0)"

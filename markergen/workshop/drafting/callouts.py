@@ -35,6 +35,7 @@ from markergen.workshop.drafting.features import (
     PlateHole,
     alike,
     centered,
+    diameter,
     holes_of,
     is_plain,
     listed_outlines,
@@ -117,7 +118,7 @@ def datums_of(
         x, y, radius = rim
         aside = sorted(holes, key=lambda hole: (hole.use == "drawn", hole.use == "mount"))
         aside = [hole for hole in aside if dist(hole.place, (x, y)) > APART * radius]
-        axis = Datum("B", "rim", f"rim {DIAMETER}{millimeters(2 * radius)}", _axis(x, y), (x, y))
+        axis = Datum("B", "rim", f"rim {diameter(2 * radius)}", _axis(x, y), (x, y))
         return (face, axis, *(_bored("C", hole) for hole in aside[:1]))
     return (face, *map(_bored, "BC", _farthest(holes))) if len(holes) > 1 else (face,)
 
@@ -129,7 +130,7 @@ def _asked(letter: str, name: str, outer: Contour, holes: Sequence[PlateHole]) -
         return _bored(letter, hole)
     if name == "rim" and (rim := outer.as_circle):
         x, y, radius = rim
-        return Datum(letter, "rim", f"rim {DIAMETER}{millimeters(2 * radius)}", _axis(x, y), (x, y))
+        return Datum(letter, "rim", f"rim {diameter(2 * radius)}", _axis(x, y), (x, y))
     edge = next((datum for datum in _edges(outer) if datum.letter == letter), None) if name == "edge" else None
     if edge is not None:
         return edge
@@ -201,7 +202,7 @@ def located(zone: float, datums: Sequence[Datum], of: str = "") -> Control:
     Where the datums leave a freedom, the features form one pattern: CZ, combined zone (ISO 5458).
     """
     combined = "" if len(datums) == 3 else " CZ"
-    return Control("position", f"{DIAMETER}{millimeters(zone)}{combined}", letters(datums), of)
+    return Control("position", f"{diameter(zone)}{combined}", letters(datums), of)
 
 
 def flat(made: Made) -> Control:
@@ -232,8 +233,8 @@ def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[
         return located(zone, datums), ""
     before = datums[: datums.index(hole_datum)]
     if len(before) == 1:
-        return Control("perpendicularity", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
-    return Control("position", f"{DIAMETER}{millimeters(zone)}", letters(before)), hole_datum.letter
+        return Control("perpendicularity", f"{diameter(zone)}", letters(before)), hole_datum.letter
+    return Control("position", f"{diameter(zone)}", letters(before)), hole_datum.letter
 
 
 def tolerance_tables(
@@ -265,12 +266,12 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawi
     rows.append(("thickness of the plate", f"{PLUS_MINUS}{millimeters(accuracy.thickness)}"))
     if accuracy.position:
         what = "axes of pockets" if accuracy.play else "centers of dots"
-        rows.append((what + to, f"position {DIAMETER}{millimeters(accuracy.position)}"))
+        rows.append((what + to, f"position {diameter(accuracy.position)}"))
         if accuracy.play:
-            rows.append(("finished dots" + to, f"position {DIAMETER}{millimeters(zone_of_dots(made))}"))
+            rows.append(("finished dots" + to, f"position {diameter(zone_of_dots(made))}"))
         if not any(kind == "dot" for kind, _ in made.fits):
             rows.append(("diameters of dots", f"{PLUS_MINUS}{millimeters(accuracy.diameter)}"))
-    if any(body.span[0] > span_bottom(made) + SAME for body in made.cut):
+    if any(body.span[0] > made.bottom + SAME for body in made.cut):
         rows.append(("depth of pockets or recess", f"+{millimeters(accuracy.depth)} / 0"))
     elif made.marked:
         deep = _over(accuracy.depth) if accuracy.depth else f"at most {millimeters(made.depth)}"
@@ -280,11 +281,6 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawi
     if made.engraved:
         rows.append(("depth of the engraving on the back", _over(0.1)))
     return DrawingTable("Tolerances, mm", ("what", "tolerance"), (*rows, *made.tolerances), (0, 1))
-
-
-def span_bottom(made: Made) -> float:
-    """Height of the plate's back."""
-    return min(part.span[0] for part in made.parts if part.is_plate)
 
 
 def _over(most: float) -> str:
@@ -306,7 +302,7 @@ def _fit_table(made: Made, holes: Sequence[PlateHole]) -> list[DrawingTable]:
     cells = tuple(
         (
             what,
-            f"{DIAMETER}{millimeters(hole_fit.diameter)} {hole_fit.name}",
+            f"{diameter(hole_fit.diameter)} {hole_fit.name}",
             hole_fit.deviations,
             f"{hole_fit.least:.3f}",
             f"{hole_fit.most:.3f}",
@@ -405,13 +401,13 @@ def _hole_callout(
     limits = f" {first.limits.words}" if first.limits else ""
     names = _labels([hole.label for hole in group])
     lines = [
-        f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}",
+        f"{_times(group)}{diameter(2 * first.radius)}{limits}",
         "through" if first.use == "drawn" else f"through, {use_words(first)}",
     ]
     if first.sink:
-        lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
+        lines.append(f"countersunk {diameter(2 * first.sink)} x 90\xb0")
     if pitch:
-        on = f"on a circle [{DIAMETER}{millimeters(2 * pitch)}]"
+        on = f"on a circle [{diameter(2 * pitch)}]"
         if len(group) <= MOST_PLACES:
             at = ", ".join(f"[{round(_angle(hole), 3):g}\xb0]" for hole in group)
             lines += [f"{names}, {on}", f"at {at}"]
@@ -491,7 +487,7 @@ def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
         left, bottom, right, top = recess.box
         over = f" +{millimeters(RECESS)} / 0"
         size = (
-            f"recess {DIAMETER}{millimeters(right - left)}{over}"
+            f"recess {diameter(right - left)}{over}"
             if recess.outer.as_circle
             else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
         )

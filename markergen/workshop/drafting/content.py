@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import atan2, ceil, degrees, tan
 
 from markergen.drawing.figure import size_words
+from markergen.drawing.scene import Disk
 from markergen.geometry.contour import Contour, box, flattened, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
@@ -18,12 +19,11 @@ from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, located_holes, tolerance_tables
 from markergen.workshop.drafting.drawing import (
-    BackText,
     Callout,
     Control,
     Dimension,
-    DotLabel,
     DrawingTable,
+    EngravedText,
     SectionView,
     TitleBlock,
     ViewFace,
@@ -37,6 +37,7 @@ from markergen.workshop.drafting.features import (
     PlateHole,
     alike,
     centered,
+    diameter,
     listed_outlines,
     ranges,
     recesses_of,
@@ -74,7 +75,6 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
     dots, parts, holes = dots_of(marker), made.parts, located_holes(marker, fabrication, made)
     datums = datums_of(marker, made, holes, fabrication.datums)
-    plates = [part for part in parts if part.is_plate]
     sections = sections_of(marker, made, dots, holes)
     back = _back(made)
     callouts = callouts_of(marker, fabrication, made, datums, holes)
@@ -93,14 +93,14 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         back=back,
         engraved=_back_texts(made) if back else (),
         size=size_of([body for part in parts for body in part.add]),
-        round=[plate.is_disk for plate in plates] == [True],
+        round=[plate.is_disk for plate in made.plates] == [True],
         listed=any(outline.plate for outline in listed_outlines(marker, made)),
         face=made.face,
         flatness=flat(made),
         parallelism=Control("parallelism", flat(made).zone, ("A",)),
         datums=datums,
-        labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
-        holes=tuple(DotLabel(hole.label, hole.x, hole.y, max(hole.radius, hole.sink)) for hole in holes),
+        labels=tuple(Disk(dot.x, dot.y, dot.radius, dot.inner, str(dot.id)) for dot in dots),
+        holes=tuple(Disk(*hole.place, max(hole.radius, hole.sink), name=hole.label) for hole in holes),
         callouts=callouts,
         heights=_heights(made),
         sections=sections,
@@ -115,7 +115,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
 
 def _heights(made: Made) -> tuple[Dimension, ...]:
     """Heights in the side view: the plate's thickness with its tolerance, and what stands on it."""
-    low, high = span_of([part for part in made.parts if part.is_plate])
+    low, high = span_of(made.plates)
     face, highest, accuracy = made.face, span_of(made.parts)[1], made.accuracy
     labels = {(low, face): f"{millimeters(face - low)} {PLUS_MINUS}{millimeters(accuracy.thickness)}"}
     if high > face + SAME:
@@ -130,7 +130,7 @@ def _heights(made: Made) -> tuple[Dimension, ...]:
 def _back(made: Made) -> tuple[ViewFace, ...]:
     """View of the back without its letters, if anything is engraved there."""
     # Pillars are behind the plate, and would count as material below its holes.
-    plates = [replace(part, add=part.add[:1]) for part in made.parts if part.is_plate]
+    plates = [replace(part, add=part.add[:1]) for part in made.plates]
     blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
     boxes = [text.box for text in _back_texts(made)]
     faces = []
@@ -145,12 +145,10 @@ def _back(made: Made) -> tuple[ViewFace, ...]:
     return tuple(faces) if boxes or any(face.material == "engraved" for face in faces) else ()
 
 
-def _back_texts(made: Made) -> tuple[BackText, ...]:
+def _back_texts(made: Made) -> tuple[EngravedText, ...]:
     """What is engraved, with x to the left as in the view of the back."""
     boxes = [(text, text.box) for text in made.engraved]
-    return tuple(
-        BackText(text.lines, text.height, (-right, low, -left, high)) for text, (left, low, right, high) in boxes
-    )
+    return tuple(replace(text, box=(-right, low, -left, high)) for text, (left, low, right, high) in boxes)
 
 
 def _key(made: Made, back: bool, sections: bool) -> tuple[tuple[str, str], ...]:
@@ -254,7 +252,7 @@ def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[D
                 hole.label,
                 _fixed(hole.x),
                 _fixed(hole.y),
-                f"{DIAMETER}{millimeters(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else ""),
+                f"{diameter(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else ""),
                 millimeters(2 * hole.sink) if hole.sink else "-",
                 use_words(hole),
             )
@@ -289,7 +287,7 @@ def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
         title, contour = outline.title, outline.contour
         if circle := contour.as_circle:
             x, y, radius = circle
-            row = _fixed(x), _fixed(y), f"{DIAMETER}{millimeters(2 * radius)}"
+            row = _fixed(x), _fixed(y), diameter(2 * radius)
             tables.append(DrawingTable(f"{title}, mm", ("center x", "center y", "diameter"), (row,)))
             continue
         left, bottom, right, top = box(contour)
@@ -342,11 +340,11 @@ def _size(part: Part) -> str:
     low, high = part.span
     if len(part.add) == 1 and isinstance(part.add[0], Revolved):
         least, most = part.add[0].radii
-        inner = f" / {DIAMETER}{millimeters(2 * least)}" if least > SAME else ""
-        return f"{DIAMETER}{millimeters(2 * most)}{inner} x {millimeters(high - low)}"
+        inner = f" / {diameter(2 * least)}" if least > SAME else ""
+        return f"{diameter(2 * most)}{inner} x {millimeters(high - low)}"
     width, height = size_of(part.add)
     if part.is_disk:
-        return f"{DIAMETER}{millimeters(width)} x {millimeters(high - low)}"
+        return f"{diameter(width)} x {millimeters(high - low)}"
     return f"{millimeters(width)} x {millimeters(height)} x {millimeters(high - low)}"
 
 
@@ -379,7 +377,7 @@ def sections_of(
     marker: Marker, made: Made, dots: Sequence[SolidDot], holes: Sequence[PlateHole]
 ) -> tuple[SectionView, ...]:
     """All sections."""
-    return (*_dot_sections(dots, made), *_hole_sections(holes, made.parts), *_edge_section(marker, made))
+    return (*_dot_sections(dots, made), *_hole_sections(holes, made), *_edge_section(marker, made))
 
 
 def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
@@ -397,16 +395,13 @@ def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:
 
 
 def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
-    x, y, z, face, parts = dot.x, dot.y, dot.z, made.face, made.parts
-    plates = [part for part in parts if part.is_plate]
-    low, _ = span_of(plates)
-    pockets = centered([body for part in plates for body in (*part.cut, *part.marked)], x, y)
-    pillars = centered([body for part in plates for body in part.add], x, y)
+    x, y, z, face, low, parts = dot.x, dot.y, dot.z, made.face, made.bottom, made.parts
+    pockets = centered([body for part in made.plates for body in (*part.cut, *part.marked)], x, y)
+    pillars = centered([body for part in made.plates for body in part.add], x, y)
     wide = max([dot.radius, *(b.radii[1] for b in (*pockets, *pillars) if b.span[1] > face - SAME)])
     high = max([z, *(b.span[1] for b in centered([body for part in parts for body in part.add], x, y))])
     tall = {
-        (round(bottom, 6), round(top, 6)): _depth(bottom, top, low, made)
-        for bottom, top in (body.span for body in pockets)
+        (round(bottom, 6), round(top, 6)): _depth(bottom, top, made) for bottom, top in (body.span for body in pockets)
     }
     tall[low, face] = f"({millimeters(face - low)})"
     if z > face + SAME:
@@ -433,37 +428,37 @@ def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: 
     most = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
     sizes: dict[float, str] = {}
     if fit and not fit.gap:
-        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.pocket.name}/{fit.disc.name}"
+        sizes[round(dot.radius, 6)] = f"{diameter(2 * dot.radius)} {fit.pocket.name}/{fit.disc.name}"
     elif fit:
-        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.disc.words}"
+        sizes[round(dot.radius, 6)] = f"{diameter(2 * dot.radius)} {fit.disc.words}"
     else:
-        sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)}{most}"
+        sizes[round(dot.radius, 6)] = f"{diameter(2 * dot.radius)}{most}"
     if dot.inner:
         bore = f" {core.pocket.words}" if core else most
-        sizes[round(dot.inner, 6)] = f"{DIAMETER}{millimeters(2 * dot.inner)}{bore}"
+        sizes[round(dot.inner, 6)] = f"{diameter(2 * dot.inner)}{bore}"
     for body in pockets:
         r = round(body.radii[1], 6)
-        label = f"{DIAMETER}{millimeters(2 * r)}"
+        label = diameter(2 * r)
         if fit and abs(r - dot.radius - fit.gap) < SAME:
-            label = f"{DIAMETER}{millimeters(fit.pocket.diameter)} {fit.pocket.words}"
+            label = f"{diameter(fit.pocket.diameter)} {fit.pocket.words}"
         sizes.setdefault(r, f"{label} pocket")
     for body in pillars:
-        sizes.setdefault(round(body.radii[1], 6), f"({DIAMETER}{millimeters(2 * body.radii[1])}) foot")
+        sizes.setdefault(round(body.radii[1], 6), f"({diameter(2 * body.radii[1])}) foot")
     return sizes
 
 
-def _depth(bottom: float, top: float, low: float, made: Made) -> str:
+def _depth(bottom: float, top: float, made: Made) -> str:
     """Depth of a pocket with its tolerance, which a hole through the plate does not need."""
     depth = millimeters(top - bottom)
-    if bottom < low + SAME:
+    if bottom < made.bottom + SAME:
         return f"({depth})"
     return f"{depth} +{millimeters(made.accuracy.depth)} / 0" if made.accuracy.depth else f"{depth} max."
 
 
-def _hole_sections(holes: Sequence[PlateHole], parts: Sequence[Part]) -> list[SectionView]:
+def _hole_sections(holes: Sequence[PlateHole], made: Made) -> list[SectionView]:
     """One section per kind of hole."""
     sections: dict[tuple[float, float], SectionView] = {}
-    low, _ = span_of([part for part in parts if part.is_plate])
+    low = made.bottom
     for hole in holes:
         if (
             (hole.use == "drawn" and not hole.locates)
@@ -474,7 +469,7 @@ def _hole_sections(holes: Sequence[PlateHole], parts: Sequence[Part]) -> list[Se
         widest = max(hole.radius, hole.sink)
         aside = widest + max(2.0, 0.6 * widest)
         box = (hole.x - aside, low, hole.x + aside, 0.0)
-        faces = cut_along(parts, hole.y, box)
+        faces = cut_along(made.parts, hole.y, box)
         top = max((face.box[3] for face in faces), default=0.0)
         across = [_across(hole, hole.radius, f" {hole.limits.words}" if hole.limits else "")]
         if hole.sink:
@@ -491,15 +486,14 @@ def _hole_sections(holes: Sequence[PlateHole], parts: Sequence[Part]) -> list[Se
 
 
 def _across(hole: PlateHole, radius: float, more: str) -> Dimension:
-    return Dimension(hole.x - radius, hole.x + radius, f"{DIAMETER}{millimeters(2 * radius)}{more}")
+    return Dimension(hole.x - radius, hole.x + radius, f"{diameter(2 * radius)}{more}")
 
 
 def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     """Section of an edge that has a chamfer, or a sheet's recess next to it."""
     chamfer = round(1e3 * marker.substrate.chamfer, 9)
-    plates = [part for part in made.parts if part.is_plate]
-    low, _ = span_of(plates)
-    outermost = max((face for face in seen(plates)), key=lambda face: face.box[2])
+    low = made.bottom
+    outermost = max(seen(made.plates), key=lambda face: face.box[2])
     ring = flattened(outermost.contours[0], OFF)
     right = max(x for x, _ in ring)
     recesses = [body for body in recesses_of(made) if right - body.box[2] < NEAR]
@@ -512,7 +506,7 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     box = (left, low, right, made.face)
     faces = cut_along(made.parts, y, box)
     across = (Dimension(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
-    tall = {body.span: _depth(*body.span, low, made) for body in recesses}
+    tall = {body.span: _depth(*body.span, made) for body in recesses}
     tall[low, made.face] = f"({millimeters(made.face - low)})"
     return [SectionView("Section of the edge", faces, box, across, height_dimensions(tall))] if faces else []
 

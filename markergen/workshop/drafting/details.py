@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from markergen.drawing.scene import Box, Shape, bounds, frame_lines, overlaps
 from markergen.drawing.text import text_width
 from markergen.geometry.contour import Contour
-from markergen.workshop.drafting.drawing import BackText, Dimension, SectionView, ViewFace, Workpiece, around
+from markergen.workshop.drafting.drawing import Dimension, EngravedText, SectionView, ViewFace, Workpiece, around
 from markergen.workshop.drafting.pen import (
     CLOSE,
     LETTERS,
@@ -26,9 +26,6 @@ from markergen.workshop.drafting.pen import (
 
 SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
 """Available scales (ISO 5455)."""
-
-LEGIBLE = LETTERS
-"""Minimum height in mm of capitals on paper; text on the back that would be smaller is drawn larger."""
 
 
 @dataclass(frozen=True)
@@ -109,16 +106,19 @@ def section_view(section: SectionView, width: float, height: float, style: Style
 
 def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     """Draw the back at the largest scale that suits a column of the given width and height, mm."""
-    left, bottom, _, top = around(work.back)
-    scale = _back_scale(work, width, height)
+    left, bottom, right, top = around(work.back)
+    room = min(0.8 * height, width)
+    # Half a millimeter on each side for line widths.
+    scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
     view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
     shapes = [shape for face in work.back for shape in drawn(face, view)]
-    least = LEGIBLE
-    remark = ", letters larger than to scale" if _back_is_small(work, scale) else ""
+    # Text that would be smaller than what is legible is drawn larger.
+    is_small = any(text.height * scale < LETTERS - 1e-9 for text in work.engraved)
+    remark = ", letters larger than to scale" if is_small else ""
     taken: list[Box] = []
     # The title first: an id that has no room is in the note about the engraving.
     for text in sorted(work.engraved, key=lambda engraving: -len(engraving.lines[0])):
-        lines = _back_text(text, view, least)
+        lines = _back_text(text, view)
         boxes = [bounds(line) for line in lines]
         if not any(overlaps(box, other) for box in boxes for other in taken):
             shapes += lines
@@ -127,22 +127,11 @@ def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     return DetailView(title, width, scale * (top - bottom) + 1, tuple(shapes))
 
 
-def _back_scale(work: Workpiece, width: float, height: float) -> float:
-    left, bottom, right, top = around(work.back)
-    room = min(0.8 * height, width)
-    # Half a millimeter on each side for line widths.
-    return next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
-
-
 def back_crowded(work: Workpiece, width: float, height: float) -> bool:
     """True if letters on the back that are drawn larger than to scale overlap in a view of that size."""
     view = back_view(work, width, height)
     drawn_ = sum(isinstance(shape, Lettering) for shape in view.shapes)
     return drawn_ < sum(len(text.lines) for text in work.engraved)
-
-
-def _back_is_small(work: Workpiece, scale: float) -> bool:
-    return any(text.height * scale < LEGIBLE - 1e-9 for text in work.engraved)
 
 
 def key_view(work: Workpiece, width: float, style: Style) -> DetailView:
@@ -189,10 +178,10 @@ def stacked(
     return shapes
 
 
-def _back_text(text: BackText, view: DrawingView, least: float) -> list[Shape]:
+def _back_text(text: EngravedText, view: DrawingView) -> list[Shape]:
     """Engraved text as drawing text, in the face and at the place of the letters but not smaller than legible."""
     left, bottom, right, top = view.box(text.box)
-    height = max(text.height * view.scale, least)
+    height = max(text.height * view.scale, LETTERS)
     x, y = (left + right) / 2, (bottom + top) / 2
     tall = height * (1 + 1.6 * (len(text.lines) - 1))
     return [

@@ -7,7 +7,7 @@ Independent of the representation of solids: `markergen.solid` fills it in, `fab
 from dataclasses import dataclass
 from typing import Literal
 
-from markergen.drawing.scene import Box, Point, union
+from markergen.drawing.scene import Box, Disk, Point, union
 from markergen.geometry import contour
 from markergen.geometry.contour import Contour
 
@@ -157,19 +157,8 @@ class DrawingTable:
 
 
 @dataclass(frozen=True)
-class DotLabel:
-    """Number of a control point at its dot, or of a hole; mm."""
-
-    text: str
-    x: float
-    y: float
-    radius: float
-    inner_radius: float = 0.0
-
-
-@dataclass(frozen=True)
-class BackText:
-    """Lines of text engraved on the back, in the view of the back: height of capitals, and box; mm."""
+class EngravedText:
+    """Lines of text, the height of their capitals, and the box that they occupy; mm."""
 
     lines: tuple[str, ...]
     height: float
@@ -207,8 +196,8 @@ class Workpiece:
         Views from +z with y up, and from -y with z up; x is to the right in both.
     back : tuple of ViewFace
         View from -z with y up, so that x is to the left; empty if there is nothing to show.
-    engraved : tuple of BackText
-        Text on the back, whose letters are no faces of `back`.
+    engraved : tuple of EngravedText
+        Text on the back, in its view; the letters are no faces of `back`.
     size : (width, height)
         Overall size in the front view.
     round : bool
@@ -218,15 +207,17 @@ class Workpiece:
     face : float
         Height of the plate's upper face.
     flatness : Control
+        Tolerance of that face.
     parallelism : Control or None
         Of the back; None for a face of a body, whose other faces have their own.
-        Tolerance of that face.
     datums : tuple of Datum
         The first is that face.
     heights : tuple of Dimension
         Dimensions of the side view along z.
     key : tuple of (material, words)
         What fills and hatches mean: ``light`` or ``dark`` material, ``engraved``.
+    labels, holes : tuple of Disk
+        Dots and holes, with their numbers as names.
     notes : tuple of str
         Paragraphs.
     """
@@ -235,7 +226,7 @@ class Workpiece:
     front: tuple[ViewFace, ...]
     side: tuple[ViewFace, ...]
     back: tuple[ViewFace, ...]
-    engraved: tuple[BackText, ...]
+    engraved: tuple[EngravedText, ...]
     size: Point
     round: bool
     listed: bool
@@ -243,8 +234,8 @@ class Workpiece:
     flatness: Control
     parallelism: Control | None
     datums: tuple[Datum, ...]
-    labels: tuple[DotLabel, ...]
-    holes: tuple[DotLabel, ...]
+    labels: tuple[Disk, ...]
+    holes: tuple[Disk, ...]
     callouts: tuple[Callout, ...]
     heights: tuple[Dimension, ...]
     sections: tuple[SectionView, ...]

@@ -14,7 +14,8 @@ from markergen.model.substrate import SCREWS
 from markergen.solid.plate import plate_of
 from markergen.solid.primitives import SAME, Primitive, Prism, Revolved, mm
 from markergen.workshop.dot_geometry import SolidDot
-from markergen.workshop.iso286 import SizeLimits, drilled, hole_class, reamed
+from markergen.workshop.drafting.drawing import millimeters
+from markergen.workshop.iso286 import SizeLimits, hole_class
 from markergen.workshop.processes import Made
 
 DIAMETER = "\xd8"
@@ -69,13 +70,9 @@ class PlateHole:
 
     @property
     def limits(self) -> SizeLimits | None:
-        """H7 for a dowel, H13 for a screw by its name; else the general tolerance applies."""
-        diameter = 2 * self.radius
-        if diameter > LARGEST_FIT:
-            return None
-        if self.fit:
-            return hole_class(self.fit, diameter)
-        return reamed(diameter) if self.use == "dowel" else drilled(diameter) if self.name in SCREWS else None
+        """H7 for a dowel, H13 of the medium series of ISO 273 for a screw; else the general tolerance applies."""
+        fit = self.fit or ("H7" if self.use == "dowel" else "H13" if self.name in SCREWS else "")
+        return hole_class(fit, 2 * self.radius) if fit and 2 * self.radius <= LARGEST_FIT else None
 
     @property
     def zone(self) -> float:
@@ -84,6 +81,11 @@ class PlateHole:
             clearance = 2 * self.radius - float(self.name[1:])
             return max(floor(clearance / 2 / 0.05 + 1e-6) * 0.05, 0.05)
         return LOOSE
+
+
+def diameter(size: float) -> str:
+    """Diameter in mm with its sign."""
+    return f"{DIAMETER}{millimeters(size)}"
 
 
 def use_words(hole: PlateHole) -> str:
@@ -121,11 +123,10 @@ def _drawn(marker: Marker) -> list[Contour]:
 
 def recesses_of(made: Made) -> list[Prism]:
     """Recesses for printed sheets: open to the face of the plate, without inlays."""
-    plates = [part for part in made.parts if part.is_plate]
     inlays = [body.box for part in made.parts if not part.is_plate for body in part.add]
     return [
         body
-        for part in plates
+        for part in made.plates
         for body in part.cut
         if isinstance(body, Prism)
         and body.top > made.face - SAME

@@ -24,18 +24,17 @@ from typing import Literal
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.drawing.paper import LEAST_ROOM, Frame, SheetOptions
+from markergen.drawing.paper import Frame, SheetOptions
 from markergen.drawing.scene import GRAY, Box, Line, Point, Shape, closed_line
 from markergen.drawing.text import text_width
-from markergen.errors import InputError
 from markergen.geometry.contour import Contour, flattened
 from markergen.model.body import Plate
 from markergen.model.body_json import rig_name
 from markergen.model.boundary import Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.rig import Rig
-from markergen.solid.primitives import OFF, Part, Prism
-from markergen.workshop.assembly import MadeBody
+from markergen.solid.primitives import OFF, Prism
+from markergen.workshop.assembly import BlockFace, MadeBody
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import SCALES
@@ -66,7 +65,7 @@ from markergen.workshop.drafting.pen import (
 )
 from markergen.workshop.drafting.symbols import datum_letter, datum_reach, frame_width, tolerance_frame
 from markergen.workshop.drafting.title_block import first_angle
-from markergen.workshop.drafting.views import GOOD, FrontPage, drawing_area, papers_of
+from markergen.workshop.drafting.views import FrontPage, best_on_paper, drawing_area
 from markergen.workshop.processes import Accuracy
 
 LETTERS = "RST"
@@ -153,20 +152,6 @@ class RigWork:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Side:
-    """A flat side of the whole: its name, corners (m, 3) in mm, and its normal."""
-
-    name: str
-    ring: Array
-    normal: Array
-
-    @property
-    def middle(self) -> Array:
-        """Center of its corners."""
-        return np.asarray(self.ring.mean(axis=0))
-
-
 def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     """Describe a rig as designed, and its parts from `parts_of_rig`, for the sheets of the whole."""
     accuracy, sides = made.made[0].accuracy, _sides(made)
@@ -180,6 +165,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     sizes = [f"{millimeters(span)}{limits}" if made.block else f"({millimeters(span)})" for span in spans]
     count = len(rig.markers)
     what = "one body" if made.block else f"{count} plates"
+    lines = dict.fromkeys(line for plate in made.made for line in plate.lines)
     return RigWork(
         block=TitleBlock(
             name=rig_name(rig),
@@ -194,7 +180,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
         picture=_picture(main, rig, made),
         sizes=(sizes[0], sizes[1], sizes[2]),
         tables=(_face_table(rig), *_relation_tables(rig, made, sides, datums, accuracy)),
-        notes=(FRAME, EXACT, *((DATUMS, ONE, *_lines(made)) if made.block else (MOUNT,)), STEP),
+        notes=(FRAME, EXACT, *((DATUMS, ONE, *lines) if made.block else (MOUNT,)), STEP),
     )
 
 
@@ -237,28 +223,21 @@ def in_common(works: Sequence[Workpiece], notes: Sequence[str]) -> Workpiece:
     )
 
 
-def _lines(made: MadeBody) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(line for plate in made.made for line in plate.lines))
-
-
-def _sides(made: MadeBody) -> list[_Side]:
+def _sides(made: MadeBody) -> tuple[BlockFace, ...]:
     """Flat sides that can be datums: faces of the block, or of the plates."""
     if made.block:
-        return [_Side(face.name, face.ring(), face.normal) for face in made.block]
-    sides: list[_Side] = []
+        return made.block
+    sides: dict[str, BlockFace] = {}
     for part in made.parts:
-        piece = part.pieces[0]
-        if piece.part.is_plate:
-            prism = piece.part.add[0]
-            ring = np.array(flattened(prism.outer, OFF) if isinstance(prism, Prism) else [])
-            top = piece.to_body(np.column_stack([ring, np.full(len(ring), prism.span[1])]))
-            name = part.name.rpartition("/")[0]
-            if all(side.name != name for side in sides):
-                sides.append(_Side(name, top, np.array(piece.rotation)[:, 2]))
-    return sides
+        piece, name = part.pieces[0], part.name.rpartition("/")[0]
+        prism = piece.part.add[0]
+        if piece.part.is_plate and isinstance(prism, Prism):
+            corners = tuple(flattened(prism.outer, OFF))
+            sides.setdefault(name, BlockFace(name, corners, piece.rotation, piece.translation, prism.top))
+    return tuple(sides.values())
 
 
-def _datums(sides: Sequence[_Side]) -> list[_Side]:
+def _datums(sides: Sequence[BlockFace]) -> list[BlockFace]:
     """Up to three sides: the first, one at a right angle to it if there is one, and one that fixes what is left."""
     chosen = [sides[0]]
     while len(chosen) < 3:
@@ -300,8 +279,8 @@ def _words(way: Array) -> str:
 
 
 def _view(
-    place: str, axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody, sides: Sequence[_Side],
-    datums: Sequence[_Side], accuracy: Accuracy,
+    place: str, axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody, sides: Sequence[BlockFace],
+    datums: Sequence[BlockFace], accuracy: Accuracy,
 ) -> RigView:  # fmt: skip
     flat, toward = np.stack(axes[:2], axis=1), axes[2]
     names = []
@@ -314,7 +293,7 @@ def _view(
             continue
         controls = _controls(side, datums, accuracy) if straight and made.block else ()
         letter = letters.get(side.name, "") if straight else ""
-        names.append(_name(side.name, side.ring @ flat, marked.get(side.name), flat, controls, letter))
+        names.append(_name(side.name, side.ring() @ flat, marked.get(side.name), flat, controls, letter))
     way = _words(toward)
     return RigView(
         place,
@@ -430,7 +409,7 @@ def _ink(plate: Plate, flat: Array) -> list[ViewFace]:
     return faces
 
 
-def _controls(side: _Side, datums: Sequence[_Side], accuracy: Accuracy) -> tuple[Control, ...]:
+def _controls(side: BlockFace, datums: Sequence[BlockFace], accuracy: Accuracy) -> tuple[Control, ...]:
     """Form or orientation of a side of a body, and its place."""
     letters = LETTERS[: len(datums)]
     number = next((k for k, datum in enumerate(datums) if datum.name == side.name), None)
@@ -443,7 +422,7 @@ def _controls(side: _Side, datums: Sequence[_Side], accuracy: Accuracy) -> tuple
     return (orientation, Control("profile", millimeters(2 * accuracy.thickness), tuple(letters)))
 
 
-def _kind(side: _Side, datum: _Side) -> Literal["parallelism", "perpendicularity", "angularity"]:
+def _kind(side: BlockFace, datum: BlockFace) -> Literal["parallelism", "perpendicularity", "angularity"]:
     along = abs(float(side.normal @ datum.normal))
     return "parallelism" if along > 1 - STRAIGHT else "perpendicularity" if along < STRAIGHT else "angularity"
 
@@ -465,7 +444,7 @@ def _fixed(value: float, digits: int) -> str:
 
 
 def _relation_tables(
-    rig: Rig, made: MadeBody, sides: Sequence[_Side], datums: Sequence[_Side], accuracy: Accuracy
+    rig: Rig, made: MadeBody, sides: Sequence[BlockFace], datums: Sequence[BlockFace], accuracy: Accuracy
 ) -> list[DrawingTable]:
     """Datums of the whole, and the tolerances of its faces in words."""
     if not made.block:
@@ -500,37 +479,26 @@ def _relation_tables(
     ]
 
 
-def _plane(side: _Side) -> str:
+def _plane(side: BlockFace) -> str:
     """Equation of a side's plane."""
-    level = float(side.normal @ side.middle)
+    level = float(side.normal @ side.ring().mean(axis=0))
     k = int(np.argmax(np.abs(side.normal)))
     if abs(side.normal[k]) > 1 - STRAIGHT:
         return f"{'xyz'[k]} = [{millimeters(level * np.sign(side.normal[k]))}]"
     terms = " ".join(
-        f"{_signed(value)}{axis}" for value, axis in zip(side.normal, "xyz", strict=True) if abs(value) > STRAIGHT
+        f"{value:+.6g}{axis}" for value, axis in zip(side.normal, "xyz", strict=True) if abs(value) > STRAIGHT
     )
     return f"{terms} = [{millimeters(level)}]"
-
-
-def _signed(value: float) -> str:
-    return f"{'-' if value < 0 else '+'}{abs(value):.6g}"
 
 
 def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -> Workpiece:
     """Describe one face of a body as if it were a plate, with the body seen from the side."""
     face, result = made.block[k], made.made[k]
-    low = face.height - 2 * result.depth - 1
-    slab = Part(
-        "plate",
-        "light",
-        (Prism(Contour(face.corners), (), low, face.height), *result.add),
-        result.cut,
-        result.marked,
-    )
+    slab = replace(made.parts[0].pieces[k].part, name="plate")
     outline = Polygon((tuple((x / 1e3, y / 1e3) for x, y in face.corners),))
     marker = replace(plate.marker, substrate=replace(plate.marker.substrate, outline=outline))
     work = workpiece(marker, fabrication, replace(result, parts=(slab, *result.parts)))
-    depth = f"({millimeters(face.height - low)})"
+    depth = f"({millimeters(face.height - slab.add[0].span[0])})"
     sections = tuple(
         replace(
             section,
@@ -573,22 +541,7 @@ def rig_page(work: RigWork, options: SheetOptions) -> FrontPage:
     InputError
         If the paper is unknown, or too small for any scale.
     """
-    best: FrontPage | None = None
-    papers = papers_of(options)
-    for paper in papers:
-        frame = options.frame(paper)
-        if min(frame.width, frame.top - frame.margin) <= LEAST_ROOM:
-            continue
-        page = _page(work, frame)
-        if page and (best is None or page.scale > best.scale):
-            best = page
-        if best and best.scale >= GOOD:
-            break
-    if best is None:
-        raise InputError(
-            "paper that the drawing of a rig fits on", ", ".join(map(str, papers)), "use --paper A3 or larger"
-        )
-    return best
+    return best_on_paper(options, lambda frame, _: _page(work, frame), "the drawing of a rig", "A3 or larger")
 
 
 def _page(work: RigWork, frame: Frame) -> FrontPage | None:
@@ -676,23 +629,10 @@ def _draw(
             edges = view_at.box(box)
             below = edges[1] - 1.4 * CLOSE * style.scale
             shapes += across(edges[0], edges[2], below, edges[1], work.sizes[2], style)
-    return [*shapes, *_drawn_picture(work, style, _corner(room, starts, columns, lows, rows, gap))]
-
-
-def _corner(
-    room: Box,
-    starts: dict[int, float],
-    columns: dict[int, float],
-    lows: dict[int, float],
-    rows: dict[int, float],
-    gap: tuple[float, float],
-) -> Box:
-    """The room to the right of the main column, above the main row, or else below it."""
-    left = starts[0] + columns[0] + gap[0]
-    low = lows[0] + rows[0] + gap[1]
-    if room[3] - low < 15:
-        return (left, room[1], room[2], lows[0] - gap[1])
-    return (left, low, room[2], room[3])
+    # The picture is to the right of the main column, above the main row, or else below it.
+    aside, over = starts[0] + columns[0] + gap[0], lows[0] + rows[0] + gap[1]
+    corner = (aside, over, right, top) if top - over >= 15 else (aside, bottom, right, lows[0] - gap[1])
+    return [*shapes, *_drawn_picture(work, style, corner)]
 
 
 def _drawn_view(view: RigView, at: DrawingView, style: Style) -> list[Shape]:

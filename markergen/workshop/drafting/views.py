@@ -15,10 +15,11 @@ Seen from below, from -y, the side view is above the front view in first-angle p
 projection, which is used on American paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise, product
 from math import hypot, radians, tan
+from typing import TypeVar
 
 import numpy as np
 
@@ -96,6 +97,7 @@ MARK = 1.5
 class ViewPlacement:
     """Positions of the two views on a page, and their scale."""
 
+    frame: Frame
     scale: float
     front: DrawingView
     side: DrawingView
@@ -122,6 +124,9 @@ class FrontPage:
     shapes: tuple[Shape, ...]
 
 
+P = TypeVar("P", ViewPlacement, FrontPage)
+
+
 def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
     """Draw the front and side views, with dimensions, numbers and callouts, on paper that shows them large enough.
 
@@ -132,8 +137,10 @@ def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
     InputError
         If the paper is unknown, or too small for any scale.
     """
-    frame, layout = _place(work, options)
-    return FrontPage(frame, layout.scale, (layout.front.x, layout.front.y), tuple(_draw_front(work, layout, frame)))
+    layout = best_on_paper(
+        options, lambda frame, forced: _placement(work, frame, forced), "a fabrication sheet", "A4 or larger"
+    )
+    return FrontPage(layout.frame, layout.scale, (layout.front.x, layout.front.y), tuple(_draw_front(work, layout)))
 
 
 def drawing_area(frame: Frame, first: bool = True) -> Box:
@@ -143,27 +150,32 @@ def drawing_area(frame: Frame, first: bool = True) -> Box:
     return frame.margin + air, low, frame.right - air, frame.top - air
 
 
-def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
-    """Paper of the drawing, and its layout."""
-    best: tuple[Frame, ViewPlacement] | None = None
-    papers = papers_of(options)
-    for paper in papers:
-        frame = options.frame(paper)
+def best_on_paper(options: SheetOptions, draw: Callable[[Frame, bool], P | None], what: str, paper: str) -> P:
+    """Drawing on the first usual paper that shows it at the scale `GOOD` or more, or else at the largest scale.
+
+    Parameters
+    ----------
+    draw : callable
+        Draws on a page, forced on the last one if none holds it; None if it does not fit.
+    what, paper : str
+        For the error if no paper holds it: what is drawn, and what paper to use.
+    """
+    best: P | None = None
+    papers = _papers(options)
+    for size in papers:
+        frame = options.frame(size)
         roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
-        forced = best is None and paper == papers[-1]
-        layout = _placement(work, frame, drawing_area(frame), forced) if roomy else None
-        if layout and (best is None or layout.scale > best[1].scale):
-            best = frame, layout
-        if best and best[1].scale >= GOOD:
+        drawing = draw(frame, best is None and size == papers[-1]) if roomy else None
+        if drawing and (best is None or drawing.scale > best.scale):
+            best = drawing
+        if best and best.scale >= GOOD:
             break
     if best is None:
-        raise InputError(
-            "paper that a fabrication sheet fits on", ", ".join(map(str, papers)), "use --paper A4 or larger"
-        )
+        raise InputError(f"paper that {what} fits on", ", ".join(map(str, papers)), f"use --paper {paper}")
     return best
 
 
-def papers_of(options: SheetOptions) -> list[Paper]:
+def _papers(options: SheetOptions) -> list[Paper]:
     """Papers to try, in this order: those that are usual, or the one that is asked for."""
     if options.paper is not None:
         paper = find_paper(options.paper, options.orientation)
@@ -197,12 +209,12 @@ def _around(work: Workpiece, style: Style) -> _Around:
     return _Around(left, first + rows[0] * tier, 9 * style.scale, first)
 
 
-def _placement(work: Workpiece, frame: Frame, room: Box, forced: bool) -> ViewPlacement | None:
-    """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none.
+def _placement(work: Workpiece, frame: Frame, forced: bool) -> ViewPlacement | None:
+    """Placement at the largest scale at which both views and their annotations fit on a page; None if there is none.
 
     If `forced`, the words of callouts may shrink.
     """
-    style = Style(frame.scale)
+    room, style = drawing_area(frame), Style(frame.scale)
     left, bottom, right, top = _reach(work)
     start_, foot, end_, head = around(work.side)
     # What is under a face may be wider than it.
@@ -240,13 +252,13 @@ def _placement(work: Workpiece, frame: Frame, room: Box, forced: bool) -> ViewPl
             z = y + scale * bottom - air.below - letter - gap - down * 0.3 - scale * head
         start = group + width + beside + 10 * frame.scale
         callouts = (start, room[1] + tiers / 2, start + wide, room[3] - 2 * frame.scale)
-        return ViewPlacement(scale, DrawingView(x, y, scale), DrawingView(x, z, scale), callouts)
+        return ViewPlacement(frame, scale, DrawingView(x, y, scale), DrawingView(x, z, scale), callouts)
     return None
 
 
-def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Shape]:
+def _draw_front(work: Workpiece, layout: ViewPlacement) -> list[Shape]:
     """Draw both views with dimensions, numbers and callouts."""
-    style, view = Style(frame.scale), layout.front
+    style, view = Style(layout.frame.scale), layout.front
     shapes: list[Shape] = []
     for face in work.front:
         shapes += drawn(face, view)
@@ -260,7 +272,8 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     edges = frame_lines(layout.side.box(around(work.side)), THIN)
     avoided = [edges, *(shape for shape in sizes if isinstance(shape, Line))]
     west, south, east, _ = view.box(around(work.front))
-    free = (drawing_area(frame)[0], south, west - _around(work, style).left - 2 * style.scale, layout.callouts[3])
+    inner = west - _around(work, style).left - 2 * style.scale
+    free = (drawing_area(layout.frame)[0], south, inner, layout.callouts[3])
     at_left = [callout for callout in work.callouts if _is_left(callout, view, (west + east) / 2, free, style)]
     flipped = [replace(callout, places=tuple((-x, y, r) for x, y, r in callout.places)) for callout in at_left]
     placed = _placed(flipped, _room(work.callouts, view, free, style, marks, avoided).mirrored()) if at_left else []
@@ -329,12 +342,12 @@ def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[se
     for label in work.labels:
         x, y = view.at((label.x, label.y))
         room = view.scale * (label.inner_radius or label.radius)
-        width = text_width(label.text, 1.0)
+        width = text_width(label.name, 1.0)
         # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= style.least:
-            names.add(label.text)
-            number = lettering(label.text, x, y - height / 2, height, "center", name=f"number-{label.text}")
+            names.add(label.name)
+            number = lettering(label.name, x, y - height / 2, height, "center", name=f"number-{label.name}")
             shapes.append(number)
     return names, shapes
 
@@ -344,16 +357,16 @@ def _outer_numbers(
 ) -> list[Shape]:
     """Numbers beside the dots that are too small for them, and the labels of holes."""
     # No quiet zone here: only the dot or the hole itself must stay clear.
-    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.text not in inner]
+    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.name not in inner]
     rest += [(hole, 0.55 * view.scale * hole.radius + 0.5 * MARK * style.scale) for hole in work.holes]
     if not rest:
         return []
-    names = [label.text for label, _ in rest]
+    names = [label.name for label, _ in rest]
     dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
     height = style.least
     outline = view.box(around(work.front))
     ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
-    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.text in inner]
+    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.name in inner]
     boxes = [bounds(disk) for disk in inside_]
     places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
     shapes: list[Shape] = []
@@ -361,8 +374,8 @@ def _outer_numbers(
     edges = _edge_points(work, view)
     spots = np.concatenate([spots.reshape(-1, 3), np.column_stack([edges, np.zeros(len(edges))])])
     for (label, _), place in zip(rest, places, strict=True):
-        x, y = place or _clear(view.at((label.x, label.y)), label.text, height, spots, list(map(bounds, shapes)))
-        shapes.append(lettering(label.text, x, y - height / 2, height, "center", name=f"number-{label.text}"))
+        x, y = place or _clear(view.at((label.x, label.y)), label.name, height, spots, list(map(bounds, shapes)))
+        shapes.append(lettering(label.name, x, y - height / 2, height, "center", name=f"number-{label.name}"))
     return shapes
 
 

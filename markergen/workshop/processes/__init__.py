@@ -14,9 +14,10 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.openings import check_holes
 from markergen.solid.plate import Footprint, plate_of
-from markergen.solid.primitives import Part, Primitive, Prism, cylinder
+from markergen.solid.primitives import Part, Primitive, Prism, cylinder, span_of
 from markergen.workshop.dot_geometry import SolidDot, dots_of, tag_pieces
-from markergen.workshop.engraving import EngravedText, engraving
+from markergen.workshop.drafting.drawing import EngravedText
+from markergen.workshop.engraving import engraving
 from markergen.workshop.iso286 import DiscFit
 from markergen.workshop.manufacturability import Tool, check_apart, check_bores, check_dots, check_tag
 from markergen.workshop.relief import PILLAR, designed_poses, pillars_of
@@ -109,6 +110,16 @@ class Made:
     engraved: tuple[EngravedText, ...] = ()
     depth: float = 0.0
     face: float = 0.0
+
+    @property
+    def plates(self) -> tuple[Part, ...]:
+        """Finished plates."""
+        return tuple(part for part in self.parts if part.is_plate)
+
+    @property
+    def bottom(self) -> float:
+        """Height of the plates' back."""
+        return span_of(self.plates)[0]
 
 
 @dataclass(frozen=True)

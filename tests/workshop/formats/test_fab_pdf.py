@@ -71,7 +71,7 @@ def test_all_that_the_drawing_says_can_be_searched(sheet):
     spans = [*work.heights, *(span for section in work.sections for span in (*section.across, *section.upright))]
     words = [
         work.block.name, work.block.title, work.block.process, work.block.general, work.block.finish, *work.notes,
-        *(span.text for span in spans), *(label.text for label in work.labels), *(words for _, words in work.key),
+        *(span.text for span in spans), *(label.name for label in work.labels), *(words for _, words in work.key),
         *(part for callout in work.callouts for line in callout.lines for part in re.split(r"[\[\]]", line)),
         *(section.title for section in work.sections), *(line for text in work.engraved for line in text.lines),
         *(control.zone for callout in work.callouts for control in callout.controls),
