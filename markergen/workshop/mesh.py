@@ -24,8 +24,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved
-from markergen.workshop.assembly import MadeBody, designed, made_of
-from markergen.workshop.formats.solids import designed_of
+from markergen.workshop.assembly import designed, made_of
+from markergen.workshop.formats.solids import Designed, designed_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
 MATERIALS = tuple(COLORS)
@@ -53,7 +53,7 @@ On this grid parts that touch have their points in common.
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed surface of triangles.
+    """A closed surface of triangles: that of the part of a name and a material.
 
     Attributes
     ----------
@@ -67,6 +67,8 @@ class Mesh:
         Direction of the plate's normal.
     """
 
+    name: str
+    material: str
     points: Array
     triangles: Indices
     marked: NDArray[np.bool_]
@@ -80,7 +82,9 @@ class Mesh:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def meshes_of(parts: Sequence[Part | BodyPart], tolerance: float) -> tuple[Mesh, ...]:
+# Several formats of one marker share its meshes.
+@lru_cache(maxsize=2)
+def meshes_of(parts: tuple[Part | BodyPart, ...], tolerance: float) -> tuple[Mesh, ...]:
     """Mesh all parts on a common grid; no point of their surfaces is farther than `tolerance` mm from the mesh.
 
     Raises
@@ -97,10 +101,7 @@ def meshes_of(parts: Sequence[Part | BodyPart], tolerance: float) -> tuple[Mesh,
         corners = np.concatenate([piece.to_body(corners) for piece, corners, _ in pieces])
         shells.append((corners, np.concatenate([marked for _, _, marked in pieces])))
     grid = grid_of(np.concatenate([corners.reshape(-1, 3) for corners, _ in shells]))
-    return tuple(
-        replace(welded(corners, marked, part.name, grid), up=np.array(part.pieces[0].rotation)[:, 2])
-        for part, (corners, marked) in zip(parts, shells, strict=True)
-    )
+    return tuple(welded(part, *shell, grid) for part, shell in zip(parts, shells, strict=True))
 
 
 def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Array, NDArray[np.bool_]]:
@@ -119,8 +120,8 @@ def shell_of(part: Part, tolerance: float, face_only: bool = False) -> tuple[Arr
     return np.concatenate([piece for piece, _ in pieces]), marked
 
 
-def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float) -> Mesh:
-    """Closed mesh of triangles (m, 3, 3) on a grid of that spacing.
+def welded(part: Part | BodyPart, corners: Array, marked: NDArray[np.bool_], grid: float) -> Mesh:
+    """Closed mesh of a part from its triangles (m, 3, 3) on a grid of that spacing.
 
     Raises
     ------
@@ -135,10 +136,10 @@ def welded(corners: Array, marked: NDArray[np.bool_], name: str, grid: float) ->
     order = np.lexsort(triangles.T[::-1])
     # On the grid a very short edge may have collapsed to a point.
     order = order[_proper(triangles[order])]
-    mesh = Mesh(np.asarray(ticks * grid, float), triangles[order], marked[order])
-    if not is_closed(mesh.triangles):
-        raise failed(name, "gaps")
-    return mesh
+    if not is_closed(triangles[order]):
+        raise failed(part.name, "gaps")
+    up = np.array(part.pieces[0].rotation)[:, 2]
+    return Mesh(part.name, part.material, np.asarray(ticks * grid, float), triangles[order], marked[order], up)
 
 
 def is_closed(triangles: Indices) -> bool:
@@ -349,29 +350,8 @@ def _filled(face: PlanarFace, tolerance: float) -> Array:
     return flat[:, ::-1] if face.up else flat
 
 
-@dataclass(frozen=True)
-class MeshedPart:
-    """Part with its name, its material, and its surface in mm, marker frame."""
-
-    name: str
-    material: str
-    mesh: Mesh
-
-
-@dataclass(frozen=True)
-class Meshed:
-    """Marker or rig as designed, its name, its parts as meshes and as bodies, and sentences for the user."""
-
-    name: str
-    subject: Marker | Rig
-    parts: tuple[MeshedPart, ...]
-    made: MadeBody
-    notes: tuple[str, ...]
-    record: str = ""
-
-
-def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Meshed:
-    """Mesh the only marker of a mesh format, or a rig.
+def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> tuple[Designed, tuple[Mesh, ...]]:
+    """Make the only marker of a mesh format, or a rig, with a note on its meshes, and these.
 
     Raises
     ------
@@ -382,15 +362,7 @@ def meshed(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) 
     """
     work, tolerance = designed_of(bodies, options, suffix), options.fabrication.tolerance * 1e3
     closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
-    parts = _meshes(work.made, tolerance)
-    return Meshed(work.name, work.subject, parts, work.made, (*work.notes, closeness), work.record)
-
-
-# Several formats of one marker share its meshes.
-@lru_cache(maxsize=1)
-def _meshes(made: MadeBody, tolerance: float) -> tuple[MeshedPart, ...]:
-    meshes = zip(made.parts, meshes_of(made.parts, tolerance), strict=True)
-    return tuple(MeshedPart(part.name, part.material, mesh) for part, mesh in meshes)
+    return replace(work, notes=(*work.notes, closeness)), meshes_of(work.made.parts, tolerance)
 
 
 def parts_to_mesh(
@@ -398,12 +370,7 @@ def parts_to_mesh(
 ) -> tuple[Sequence[Part | BodyPart], Callable[[float], tuple[Mesh, ...]]]:
     """Parts of a body as designed, and a function that meshes them within a tolerance in mm."""
     parts = made_of(designed(body), fabrication).parts
-    return parts, partial(_meshes_of_parts, parts)
-
-
-@lru_cache(maxsize=2)
-def _meshes_of_parts(parts: tuple[Part | BodyPart, ...], tolerance: float) -> tuple[Mesh, ...]:
-    return meshes_of(parts, tolerance)
+    return parts, partial(meshes_of, parts)
 
 
 def stl_of(corners: Array, name: str, unit: str, record: str = "") -> bytes:

@@ -15,7 +15,7 @@ from markergen.model.body_json import to_json
 from markergen.model.camera import PAPER_CAMERA
 from markergen.render import Optics, render_view
 from markergen.workshop.formats.meshes import write_glb
-from markergen.workshop.mesh import Mesh, MeshedPart
+from markergen.workshop.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MOST_LINES = 40
@@ -196,10 +196,10 @@ def test_picture_of_a_solid(monkeypatch, capsys, tmp_path):
     corners = np.array([[x, y, z] for x in (-30, 30) for y in (-20, 20) for z in (-3, 0)], float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     sides = np.array([side for a, b, c, d in quads for side in ((a, b, c), (a, c, d))])
-    plate = Mesh(corners, sides, np.zeros(12, bool))
-    block = Mesh(corners * [0.3, 0.3, -2] + [-10, 0, 0], sides[:, ::-1], np.zeros(12, bool))
+    plate = Mesh("plate", "light", corners, sides, np.zeros(12, bool))
+    block = Mesh("dot-0", "dark", corners * [0.3, 0.3, -2] + [-10, 0, 0], sides[:, ::-1], np.zeros(12, bool))
     source, target = tmp_path / "m.glb", tmp_path / "m.png"
-    source.write_bytes(write_glb([MeshedPart("plate", "light", plate), MeshedPart("dot-0", "dark", block)], "m"))
+    source.write_bytes(write_glb([plate, block], "m"))
     monkeypatch.setattr(sys, "argv", ["picture_of_a_solid.py", str(source), str(target), "--width", "90"])
     runpy.run_path(str(EXAMPLES.parent / "docs" / "picture_of_a_solid.py"), run_name="__main__")
     assert "90 x 60 pixels" in capsys.readouterr().out

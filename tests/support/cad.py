@@ -10,7 +10,7 @@ from markergen.workshop.formats.solids import NamedSolid
 
 def build(part: Part) -> NamedSolid:
     """Build one part."""
-    return shown(solids.build(part))
+    return solids_of([part])[0]
 
 
 def solids_of(parts: Sequence[Part]) -> list[NamedSolid]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from markergen.workshop.mesh import Mesh, MeshedPart
+from markergen.workshop.mesh import Mesh
 
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 """Counterclockwise seen from outside, where the corners are the origin and one on each axis."""
@@ -10,7 +10,7 @@ SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
 def part(name, material, corners, sides=SIDES, marked=()):
     """A part with corners (n, 3) in mm, of which some sides are engraved."""
-    return MeshedPart(name, material, Mesh(np.array(corners, float), sides, np.isin(np.arange(len(sides)), marked)))
+    return Mesh(name, material, np.array(corners, float), sides, np.isin(np.arange(len(sides)), marked))
 
 
 def plate_and_dot(corners):

@@ -97,7 +97,7 @@ def test_a_wall_is_an_assembly_of_the_plates_of_its_markers():
     meshes = dict(zip(names, meshes_of(made.parts, 0.005), strict=True))
     for each in rig.markers:
         for part in parts_of(each.marker, FDM).parts:
-            [alone], placed = meshes_of([part], 0.005), meshes[f"{each.name}/{part.name}"]
+            [alone], placed = meshes_of((part,), 0.005), meshes[f"{each.name}/{part.name}"]
             np.testing.assert_allclose(
                 placed.points.min(axis=0) / 1e3, each.to_body(alone.points / 1e3).min(axis=0), atol=1e-6
             )

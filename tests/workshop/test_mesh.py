@@ -14,7 +14,7 @@ QUARTER = tan(pi / 8)
 
 
 def mesh_of(part, tolerance):
-    return meshes_of([part], tolerance)[0]
+    return meshes_of((part,), tolerance)[0]
 
 
 SQUARE = Contour(((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)))

@@ -22,7 +22,7 @@ from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, OTHER
 from markergen.workshop.formats.solids import EXPORTED
-from markergen.workshop.mesh import MATERIALS, Mesh, MeshedPart, kept_apart, meshed, stl_of
+from markergen.workshop.mesh import MATERIALS, Mesh, kept_apart, meshed, stl_of
 
 MODEL = "3D/3dmodel.model"
 VOLUMES = "Metadata/Slic3r_PE_model.config"
@@ -56,28 +56,23 @@ FLOAT, UNSIGNED_INT = 5126, 5125
 
 def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as one STL in mm; if there are two materials, also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
-    made = meshed(bodies, options, ".stl")
-    by_material = {
-        material: [part for part in made.parts if part.material == material]
-        for material in MATERIALS
-        if any(part.material == material for part in made.parts)
-    }
+    work, parts = meshed(bodies, options, ".stl")
+    materials = [material for material in MATERIALS if any(part.material == material for part in parts)]
     beside = {}
-    notes = [f"STL has no unit: it is in millimeters, in the {made.subject.frame} frame.", *made.notes]
-    if len(by_material) > 1:
-        beside = {
-            f"{options.stem}-{material}.stl": write_stl(meshes, made.name, made.record)
-            for material, meshes in by_material.items()
-        }
+    notes = [f"STL has no unit: it is in millimeters, in the {work.subject.frame} frame.", *work.notes]
+    if len(materials) > 1:
+        for material in materials:
+            alone = [part for part in parts if part.material == material]
+            beside[f"{options.stem}-{material}.stl"] = write_stl(alone, work.name, work.record)
         notes.append(f"Beside it, one file for each material to print together: {', '.join(beside)}.")
-    if any(part.mesh.marked.any() for part in made.parts):
+    if any(part.marked.any() for part in parts):
         notes.append("STL has no colors: what is engraved is as light as the plate in it.")
-    return Output(write_stl(made.parts, made.name, made.record), tuple(notes), beside)
+    return Output(write_stl(parts, work.name, work.record), tuple(notes), beside)
 
 
-def write_stl(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
+def write_stl(parts: Sequence[Mesh], name: str, record: str = "") -> bytes:
     """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
-    meshes = kept_apart([part.mesh for part in parts])
+    meshes = kept_apart(parts)
     return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm", record)
 
 
@@ -88,38 +83,34 @@ def export_3mf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
     drops it onto the bed; it finds the parts of one mesh by `VOLUMES`. Cura gives a mesh one material, whatever its
     triangles have, and OrcaSlicer and Bambu Studio take components as parts. One file cannot serve both.
     """
-    made = meshed(bodies, options, ".3mf")
-    if len({part.material for part in made.parts}) == 1:
-        return Output(write_3mf(made.parts, made.name, made.record), made.notes)
+    work, parts = meshed(bodies, options, ".3mf")
+    whole = write_3mf(parts, work.name, work.record)
+    if len({part.material for part in parts}) == 1:
+        return Output(whole, work.notes)
     beside = f"{options.stem}-parts.3mf"
     use = (
         "The file is for PrusaSlicer, which prints light parts with extruder 1 and dark ones with extruder 2. "
         f"Open {beside} beside it in Cura, OrcaSlicer and Bambu Studio."
     )
-    return Output(
-        write_3mf(made.parts, made.name, made.record),
-        (use, *made.notes),
-        {beside: write_3mf_of_parts(made.parts, made.name, made.record)},
-    )
+    return Output(whole, (use, *work.notes), {beside: write_3mf_of_parts(parts, work.name, work.record)})
 
 
-def write_3mf(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
+def write_3mf(parts: Sequence[Mesh], name: str, record: str = "") -> bytes:
     """Write parts as a 3MF package with one object `name` of one mesh; mm, marker frame; lies on the bed.
 
     Each triangle has its material. The parts follow one another and share no points, and PrusaSlicer reads their names
     and extruders from `VOLUMES`.
     """
-    meshes = kept_apart([part.mesh for part in parts])
-    main = parts[0].material
+    meshes, main = kept_apart(parts), parts[0].material
     vertices, triangles, volumes, points, first = [], [], [], 0, 0
-    for part, mesh in zip(parts, meshes, strict=True):
+    for mesh in meshes:
         vertices.append(_vertices(mesh))
-        triangles.append(_triangles(mesh, points, part.material, main))
+        triangles.append(_triangles(mesh, points, main))
         last = first + len(mesh.triangles) - 1
         volumes.append(
             f'<volume firstid="{first}" lastid="{last}">'
-            f'<metadata type="volume" key="name" value={quoteattr(part.name)}/>'
-            f'<metadata type="volume" key="extruder" value="{MATERIALS.index(part.material) + 1}"/></volume>\n'
+            f'<metadata type="volume" key="name" value={quoteattr(mesh.name)}/>'
+            f'<metadata type="volume" key="extruder" value="{MATERIALS.index(mesh.material) + 1}"/></volume>\n'
         )
         points, first = points + len(mesh.points), last + 1
     whole = _3mf_object(2, name, main, "".join(vertices), "".join(triangles))
@@ -132,7 +123,7 @@ def write_3mf(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes
     return _3mf_package(name, _3mf_model(name, whole, item, version), record, {VOLUMES: ranges})
 
 
-def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
+def write_3mf_of_parts(parts: Sequence[Mesh], name: str, record: str = "") -> bytes:
     """Write parts as a 3MF package whose only build item is an object `name` made of them; mm, marker frame.
 
     Cura reads the numbers of their extruders, from 0, in metadata of its own.
@@ -148,8 +139,8 @@ def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str, record: str = "")
                 number,
                 part.name,
                 part.material,
-                _vertices(part.mesh),
-                _triangles(part.mesh, 0, part.material, part.material),
+                _vertices(part),
+                _triangles(part, 0, part.material),
                 f"<metadatagroup>{extruder}</metadatagroup>",
             )
         )
@@ -210,9 +201,9 @@ def _vertices(mesh: Mesh) -> str:
     return '<vertex x="%.9g" y="%.9g" z="%.9g"/>\n' * len(mesh.points) % tuple(mesh.points.ravel().tolist())
 
 
-def _triangles(mesh: Mesh, first: int, material: str, main: str) -> str:
-    """Triangles of a part of one material, its points counted from `first`, in an object of the material `main`."""
-    seen = {False: material, True: OTHER[material]}
+def _triangles(mesh: Mesh, first: int, main: str) -> str:
+    """Triangles of a part, its points counted from `first`, in an object of the material `main`."""
+    seen = {False: mesh.material, True: OTHER[mesh.material]}
     paints = {
         marked: "" if seen[marked] == main else f' pid="1" p1="{MATERIALS.index(seen[marked])}"' for marked in seen
     }
@@ -227,11 +218,11 @@ def _hex(color: tuple[float, float, float]) -> str:
 
 def export_glb(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """All parts as GLB in meters, y up."""
-    made = meshed(bodies, options, ".glb")
-    return Output(write_glb(made.parts, made.name, made.record), made.notes)
+    work, parts = meshed(bodies, options, ".glb")
+    return Output(write_glb(parts, work.name, work.record), work.notes)
 
 
-def write_glb(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes:
+def write_glb(parts: Sequence[Mesh], name: str, record: str = "") -> bytes:
     """Write parts as the children of a node named `name`, each with its own mesh; m."""
     binary = bytearray()
     views: list[dict[str, Any]] = []
@@ -246,15 +237,15 @@ def write_glb(parts: Sequence[MeshedPart], name: str, record: str = "") -> bytes
 
     meshes = []
     for part in parts:
-        points = (part.mesh.points / 1e3).astype("<f4")
+        points = (part.points / 1e3).astype("<f4")
         position = add(
             points, ARRAY_BUFFER, componentType=FLOAT, count=len(points), type="VEC3",
             # Exactly as stored in float32: some readers compare them with the array.
             min=points.min(axis=0).astype(float).tolist(), max=points.max(axis=0).astype(float).tolist(),
         )  # fmt: skip
         primitives = []
-        for material, chosen in ((part.material, ~part.mesh.marked), (OTHER[part.material], part.mesh.marked)):
-            indices = part.mesh.triangles[chosen].astype("<u4").ravel()
+        for material, chosen in ((part.material, ~part.marked), (OTHER[part.material], part.marked)):
+            indices = part.triangles[chosen].astype("<u4").ravel()
             if len(indices):
                 corners = add(
                     indices, ELEMENT_ARRAY_BUFFER, componentType=UNSIGNED_INT, count=len(indices), type="SCALAR"

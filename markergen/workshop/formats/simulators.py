@@ -26,7 +26,8 @@ from markergen.model.rig import Rig
 from markergen.model.substrate import Substrate
 from markergen.solid.primitives import COLORS
 from markergen.workshop.assembly import volume_of
-from markergen.workshop.mesh import MATERIALS, Mesh, Meshed, MeshedPart, meshed, stl_of
+from markergen.workshop.formats.solids import Designed
+from markergen.workshop.mesh import MATERIALS, Mesh, meshed, stl_of
 
 DENSITY = 1240.0
 """Density of polylactide, the usual filament, in kg/m^3."""
@@ -153,25 +154,25 @@ class Simulated:
     @classmethod
     def of(cls, bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Self:
         """Make the body of a marker or a rig; raises as `meshed` does."""
-        made = meshed(bodies, options, suffix)
-        visuals = _shown(made.parts, made.name, options.stem)
-        mass, center, inertia = mass_of(made.parts)
+        work, parts = meshed(bodies, options, suffix)
+        visuals = _shown(parts, work.name, options.stem)
+        mass, center, inertia = mass_of(parts)
         return cls(
-            made.name,
-            made.subject.frame,
+            work.name,
+            work.subject.frame,
             visuals,
-            tuple(_sites(made.subject)),
+            tuple(_sites(work.subject)),
             mass,
             center,
             inertia,
-            tuple(_collisions(made, visuals)),
-            any(part.mesh.marked.any() for part in made.parts),
+            tuple(_collisions(work, parts, visuals)),
+            any(part.marked.any() for part in parts),
             (
                 f"It shows {' and '.join(mesh.path for mesh in visuals)} beside it, and weighs {mass * 1e3:.3g} g "
                 f"({DENSITY:g} kg/m^3).",
-                *made.notes,
+                *work.notes,
             ),
-            _record(made.subject, options.fabrication),
+            _record(work.subject, options.fabrication),
         )
 
     @property
@@ -208,26 +209,27 @@ def _sites(body: Body) -> Iterator[Site]:
             yield Site(f"{prefix}dot-{point.id}", place, plate.rotation_matrix, point.feature.diameter)
 
 
-def _collisions(made: Meshed, visuals: Sequence[Shown]) -> Iterator[Collision]:
+def _collisions(work: Designed, parts: Sequence[Mesh], visuals: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
-    if made.subject.frame == "marker":
-        low, high = _box([part.mesh for part in made.parts])
+    made = work.made
+    if work.subject.frame == "marker":
+        low, high = _box(parts)
         size, middle = high - low, (low + high) / 2
-        if [part.is_disk for part in made.made.made[0].parts if part.is_plate] == [True]:
+        if [plate.is_disk for plate in made.made[0].plates] == [True]:
             yield Collision("collision", "cylinder", (size[0] / 2, size[2]), middle, np.eye(3))
         else:
             yield Collision("collision", "box", tuple(size), middle, np.eye(3))
         return
-    if made.made.block:
-        low, high = _box([made.parts[0].mesh])
-        if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.made.block), rtol=1e-6):
+    if made.block:
+        low, high = _box(parts[:1])
+        if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.block), rtol=1e-6):
             yield Collision("collision", "box", tuple(high - low), (low + high) / 2, np.eye(3))
             return
         for visual in visuals:
             if visual.material == "light":
                 yield Collision(f"collision-{visual.name}", "mesh", (), np.zeros(3), np.eye(3), visual)
         return
-    for part in made.made.parts:
+    for part in made.parts:
         piece = part.pieces[0]
         if piece.part.is_plate:
             (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
@@ -258,15 +260,15 @@ def roll_pitch_yaw(rotation: Array) -> Array:
     return np.array([np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
-def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ...]:
+def _shown(parts: Sequence[Mesh], name: str, stem: str) -> tuple[Shown, ...]:
     """Meshes of all that is seen in one color, in m: what is engraved shows the other material."""
     visuals = []
     for material in MATERIALS:
         files: list[list[Array]] = []
         for part in parts:
-            mine = part.mesh.triangles[part.mesh.marked == (part.material != material)]
+            mine = part.triangles[part.marked == (part.material != material)]
             for start in range(0, len(mine), MOST_TRIANGLES):
-                corners = part.mesh.points[mine[start : start + MOST_TRIANGLES]] / 1e3
+                corners = part.points[mine[start : start + MOST_TRIANGLES]] / 1e3
                 if not files or sum(map(len, files[-1])) + len(corners) > MOST_TRIANGLES:
                     files.append([])
                 files[-1].append(corners)
@@ -277,13 +279,13 @@ def _shown(parts: Sequence[MeshedPart], name: str, stem: str) -> tuple[Shown, ..
     return tuple(visuals)
 
 
-def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:
+def mass_of(parts: Sequence[Mesh]) -> tuple[float, Array, Array]:
     """Mass in kg, center of mass in m, and inertia about it in kg m^2, of parts of `DENSITY`.
 
     A closed surface is a signed sum of tetrahedra from the origin. The tetrahedron with the corners 0, a, b, c has
     volume det(a, b, c)/6 and second moment det(a, b, c)/120 (aa' + bb' + cc' + ss') with s = a + b + c.
     """
-    corners = np.concatenate([part.mesh.points[part.mesh.triangles] for part in parts]) / 1e3
+    corners = np.concatenate([part.points[part.triangles] for part in parts]) / 1e3
     weight = DENSITY * np.linalg.det(corners)
     sums = corners.sum(axis=1)
     mass = float(weight.sum() / 6)

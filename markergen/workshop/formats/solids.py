@@ -9,8 +9,8 @@ take two more. `normalize` removes from STEP what varies from run to run.
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from itertools import count
@@ -57,8 +57,6 @@ class NamedSolid:
     name : str
         As in `Part`.
     material : {"light", "dark"}
-    color : (red, green, blue)
-        0 to 1, sRGB.
     shape : OCP.TopoDS.TopoDS_Solid
         In mm, marker frame: the face of the plate is z = 0, the plate is below.
     marked : tuple of OCP.TopoDS.TopoDS_Face
@@ -67,7 +65,6 @@ class NamedSolid:
 
     name: str
     material: str
-    color: tuple[float, float, float]
     shape: Any
     marked: tuple[Any, ...] = ()
 
@@ -75,41 +72,53 @@ class NamedSolid:
 # Cached, since several files of one marker are often written in a row, and building solids takes most of the time.
 @lru_cache(maxsize=1)
 def solids_of(parts: tuple[Part | BodyPart, ...]) -> tuple[NamedSolid, ...]:
-    """Build all parts, in the body frame; raises like `build`."""
-    return tuple(_block(part) if part.is_block else _placed(part) for part in parts)
+    """Build all parts, in the body frame.
 
-
-def _placed(part: Part | BodyPart) -> NamedSolid:
-    (piece,) = part.pieces
-    solid = replace(build(piece.part), name=part.name)
-    if not piece.is_moved:
-        return solid
-    shape, floors = _moved(solid.shape, solid.marked, piece)
-    return replace(solid, shape=shape, marked=floors)
-
-
-def _block(part: Part | BodyPart) -> NamedSolid:
-    """Sew a block from its faces."""
+    Raises
+    ------
+    OutputError
+        If the kernel makes an invalid solid, or one whose volume is not the part's.
+    MissingLibraryError
+        If Open CASCADE or one of its system libraries is missing.
+    """
     import_kernel()
+    return tuple(
+        NamedSolid(part.name, part.material, *(_block(part) if part.is_block else _placed(part))) for part in parts
+    )
+
+
+def _placed(part: Part | BodyPart) -> tuple[Any, tuple[Any, ...]]:
+    (piece,) = part.pieces
+    solid = checked(piece.part.name, piece.part.volume, lambda: assembled(piece.part))
+    return _moved(*solid, piece) if piece.is_moved else solid
+
+
+def _block(part: Part | BodyPart) -> tuple[Any, tuple[Any, ...]]:
+    """Sew a block from its faces."""
+    from OCP.TopoDS import TopoDS
+
+    def make() -> tuple[Any, tuple[Any, ...]]:
+        pieces = [_moved(*assembled(piece.part, face_only=True), piece) for piece in part.pieces]
+        solid, sewing = _sewn(face for shape, _ in pieces for face in explored(shape, "FACE"))
+        floors = (face for _, marked in pieces for face in marked)
+        return solid, tuple(TopoDS.Face_s(sewing.ModifiedSubShape(face)) for face in floors)
+
+    return checked(part.name, part.volume, make)
+
+
+def _sewn(faces: Iterable[Any]) -> tuple[Any, Any]:
+    """Solid of faces that enclose it, and what sewed them together."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
     from OCP.BRepLib import BRepLib
     from OCP.TopoDS import TopoDS
 
-    def sewn() -> tuple[Any, tuple[Any, ...]]:
-        sewing = BRepBuilderAPI_Sewing(NEAR)
-        floors: list[Any] = []
-        for piece in part.pieces:
-            shape, marked = _moved(*assembled(piece.part, face_only=True), piece)
-            floors += marked
-            for face in explored(shape, "FACE"):
-                sewing.Add(face)
-        sewing.Perform()
-        solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
-        BRepLib.OrientClosedSolid_s(solid)
-        return solid, tuple(TopoDS.Face_s(sewing.ModifiedSubShape(face)) for face in floors)
-
-    shape, floors = checked(part.name, part.volume, sewn)
-    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+    sewing = BRepBuilderAPI_Sewing(NEAR)
+    for face in faces:
+        sewing.Add(face)
+    sewing.Perform()
+    solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
+    BRepLib.OrientClosedSolid_s(solid)
+    return solid, sewing
 
 
 def _moved(shape: Any, faces: Sequence[Any], piece: PosedPart) -> tuple[Any, tuple[Any, ...]]:
@@ -126,23 +135,8 @@ def _moved(shape: Any, faces: Sequence[Any], piece: PosedPart) -> tuple[Any, tup
     return moved.Shape(), tuple(TopoDS.Face_s(moved.ModifiedShape(face)) for face in faces)
 
 
-def build(part: Part) -> NamedSolid:
-    """Build one part.
-
-    Raises
-    ------
-    OutputError
-        If the kernel makes an invalid solid, or one whose volume is not the part's.
-    MissingLibraryError
-        If Open CASCADE or one of its system libraries is missing.
-    """
-    import_kernel()
-    shape, floors = checked(part.name, part.volume, lambda: assembled(part))
-    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
-
-
 def checked(name: str, volume: float, make: Callable[[], tuple[Any, tuple[Any, ...]]]) -> tuple[Any, tuple[Any, ...]]:
-    """Make a TopoDS_Solid, and faces of it, and check that it is valid and has a volume in mm^3; raises as `build`."""
+    """Make a TopoDS_Solid and faces of it, and check that it is valid and has a volume in mm^3; see `solids_of`."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
@@ -304,27 +298,15 @@ def _chamfered(body: Prism) -> Any:
 
     The kernel's own chamfers fail where sides turn only slightly.
     """
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
-    from OCP.BRepLib import BRepLib
-    from OCP.TopoDS import TopoDS
-
     rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
     lower, upper = (_solid(Prism(outline, (), body.bottom, z)) for outline, z in ((body.outer, rim), (edge, body.top)))
-    sewing = BRepBuilderAPI_Sewing(NEAR)
-    for face in explored(lower, "FACE"):
-        if _side(face) <= 0:
-            sewing.Add(face)
-    for face in explored(upper, "FACE"):
-        if _side(face) > 0:
-            sewing.Add(face)
+    faces = [face for face in explored(lower, "FACE") if _side(face) <= 0]
+    faces += [face for face in explored(upper, "FACE") if _side(face) > 0]
     pairs = list(zip(body.outer.sides, edge.sides, strict=True))
     whole = body.outer.is_circle
     for side, inner in pairs[:1] if whole else pairs:
-        sewing.Add(_slant(side, inner, rim, body.top, 2 * pi if whole else 4 * atan(abs(side[2]))))
-    sewing.Perform()
-    solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
-    BRepLib.OrientClosedSolid_s(solid)
-    return solid
+        faces.append(_slant(side, inner, rim, body.top, 2 * pi if whole else 4 * atan(abs(side[2]))))
+    return _sewn(faces)[0]
 
 
 def _slant(side: Side, inner: Side, low: float, high: float, angle: float) -> Any:
@@ -407,8 +389,6 @@ class Designed:
     ----------
     notes : tuple of str
         Sentences for the user.
-    beside : mapping
-        Files that accompany the solid, by name.
     record : str
         Options that are not the defaults, as JSON; empty for none.
     """
@@ -417,13 +397,7 @@ class Designed:
     subject: Marker | Rig
     made: MadeBody
     notes: tuple[str, ...]
-    beside: Mapping[str, bytes]
     record: str = ""
-
-    @property
-    def part_names(self) -> tuple[str, ...]:
-        """Names of the parts in their order."""
-        return tuple(part.name for part in self.made.parts)
 
 
 def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Designed:
@@ -446,21 +420,23 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
             asked[measure] = lengths.pop()
     # A process and what it leaves out show; verify finds those by itself.
     record = json.dumps(asked, separators=(",", ":")) if set(asked) & set(HIDDEN) else ""
-    return Designed(name, body, made, solid_notes(body, made, options), _beside(body, options), record)
+    return Designed(name, body, made, solid_notes(body, made, options), record)
 
 
 def export_step(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
     work = designed_of(bodies, options, ".step")
-    return Output(write_step(solids_of(work.made.parts), work.name, work.record), work.notes, work.beside)
+    data = write_step(solids_of(work.made.parts), work.name, work.record)
+    return Output(data, work.notes, _beside(work.subject, options))
 
 
 def export_brep(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
     """One compound of solids as BREP text, in mm; paper options have no effect."""
     work = designed_of(bodies, options, ".brep")
-    names = ", ".join(work.part_names[:4]) + (", ..." if len(work.part_names) > 4 else "")
+    parts = work.made.parts
+    names = ", ".join(part.name for part in parts[:4]) + (", ..." if len(parts) > 4 else "")
     order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
-    return Output(write_brep(solids_of(work.made.parts), work.record), (*work.notes, order), work.beside)
+    return Output(write_brep(solids_of(parts), work.record), (*work.notes, order), _beside(work.subject, options))
 
 
 def assembly_of(body: Marker | Rig, options: ExportOptions) -> Any:
@@ -487,7 +463,7 @@ def _of_rig(made: MadeBody, count: int) -> str:
 
 
 def _of_marker(marker: Marker, made: Made) -> str:
-    plates = sum(part.is_plate for part in made.parts)
+    plates = len(made.plates)
     others = len(made.parts) - plates
     what = f"{'a plate' if plates == 1 else f'{plates} plates'} {plate_size(marker)}"
     rest = f", and {others} part{'s' * (others > 1)} to go with {'it' if plates == 1 else 'them'}" if others else ""

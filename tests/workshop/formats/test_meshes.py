@@ -18,7 +18,8 @@ from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.primitives import OTHER
 from markergen.workshop.formats.meshes import VOLUMES
-from markergen.workshop.mesh import MATERIALS, Meshed, meshed
+from markergen.workshop.formats.solids import Designed
+from markergen.workshop.mesh import MATERIALS, Mesh, meshed
 
 PLACE = 5e-3
 """mm: what is asked of dot centers in meshes."""
@@ -54,13 +55,13 @@ def make(make_ngon) -> Callable[[int, bool], Marker]:
 
 
 @pytest.fixture(scope="module", params=KINDS)
-def kind(request, make) -> tuple[Marker, ExportOptions, Meshed]:
+def kind(request, make) -> tuple[Marker, ExportOptions, Designed, tuple[Mesh, ...]]:
     n, rich, fabrication = KINDS[request.param]
     marker, options = make(n, rich), ExportOptions(fabrication=fabrication)
-    return marker, options, meshed([marker], options, ".stl")
+    return marker, options, *meshed([marker], options, ".stl")
 
 
-def written(kind: tuple[Marker, ExportOptions, Meshed], suffix: str) -> Output:
+def written(kind: tuple[Marker, ExportOptions, Designed, tuple[Mesh, ...]], suffix: str) -> Output:
     return output_of(kind[0], kind[1], suffix)
 
 
@@ -70,19 +71,19 @@ def output_of(marker: Marker, options: ExportOptions, suffix: str) -> Output:
 
 
 def test_parts_have_their_volumes(kind):
-    _, _, found = kind
-    for part, body in zip(found.parts, found.made.parts, strict=True):
+    _, _, work, meshes = kind
+    for part, body in zip(meshes, work.made.parts, strict=True):
         assert part.name == body.name
         # 0.1 % is asked of STL.
-        assert part.mesh.volume == pytest.approx(body.volume, rel=1e-3)
+        assert part.volume == pytest.approx(body.volume, rel=1e-3)
 
 
 def test_stl_is_watertight_as_a_whole_and_by_material(kind):
     import trimesh
 
-    output, found = written(kind, ".stl"), kind[2]
-    shells = {material: sum(part.material == material for part in found.parts) for material in ("light", "dark")}
-    files = {len(found.parts): output.data} | {
+    output, work, parts = written(kind, ".stl"), *kind[2:]
+    shells = {material: sum(part.material == material for part in parts) for material in ("light", "dark")}
+    files = {len(parts): output.data} | {
         shells[name.removesuffix(".stl").rpartition("-")[2]]: data for name, data in output.beside.items()
     }
     assert len(output.beside) == (2 if all(shells.values()) else 0)
@@ -92,11 +93,11 @@ def test_stl_is_watertight_as_a_whole_and_by_material(kind):
         assert mesh.is_winding_consistent
         assert mesh.body_count == count
     whole = trimesh.load_mesh(BytesIO(output.data), file_type="stl")
-    assert whole.volume == pytest.approx(sum(part.volume for part in found.made.parts), rel=1e-3)
+    assert whole.volume == pytest.approx(sum(part.volume for part in work.made.parts), rel=1e-3)
 
 
 def test_3mf_is_read_without_a_warning(kind):
-    output, parts = written(kind, ".3mf"), kind[2].parts
+    output, parts = written(kind, ".3mf"), kind[3]
     several = len({part.material for part in parts}) > 1
     assert list(output.beside) == (["marker-parts.3mf"] if several else [])
     (whole,) = meshes_of_3mf(output.data)
@@ -106,10 +107,10 @@ def test_3mf_is_read_without_a_warning(kind):
         about = {each.get("key"): each.get("value") for each in volume.iter("metadata")}
         assert about == {"name": part.name, "extruder": str(1 + MATERIALS.index(part.material))}
         last = int(volume.get("lastid"))
-        assert (int(volume.get("firstid")), last - first + 1) == (first, len(part.mesh.triangles))
+        assert (int(volume.get("firstid")), last - first + 1) == (first, len(part.triangles))
         # Indices of materials in lib3mf begin at 1.
         own, other = 1 + MATERIALS.index(part.material), 1 + MATERIALS.index(OTHER[part.material])
-        np.testing.assert_array_equal(paints[first : last + 1], np.where(part.mesh.marked, other, own))
+        np.testing.assert_array_equal(paints[first : last + 1], np.where(part.marked, other, own))
         first = last + 1
     assert first == len(paints)
     for data in output.beside.values():
@@ -143,7 +144,7 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
     """Through what other programs read, from the points at a dot's edge, or on its ball."""
     import trimesh
 
-    marker, options, _ = kind
+    marker, options, *_ = kind
     if options.fabrication.process == "print":
         return  # has a recess, and no dots
     output = written(kind, ".3mf")
@@ -169,11 +170,10 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
             assert np.abs(fitted).max() < PLACE
 
 
-def test_a_marker_in_several_formats_is_made_once(make, monkeypatch):
+def test_a_marker_in_several_formats_is_made_once(make):
     marker, options = make(4, False), ExportOptions(fabrication=Fabrication("print", **BLANK))
-    first = meshed([marker], options, ".stl")
-    monkeypatch.setattr("markergen.workshop.mesh.meshes_of", None)
-    assert meshed([replace(marker)], replace(options, stem="other"), ".glb").parts is first.parts
+    _, first = meshed([marker], options, ".stl")
+    assert meshed([replace(marker)], replace(options, stem="other"), ".glb")[1] is first
 
 
 def test_what_is_engraved_is_said_to_be_light_in_stl(make):

@@ -4,7 +4,7 @@ from tetrahedra import part
 
 from markergen.solid.primitives import Part, cylinder
 from markergen.workshop.formats.simulators import DENSITY, decimal, mass_of, numbers
-from markergen.workshop.mesh import MeshedPart, meshes_of
+from markergen.workshop.mesh import Mesh, meshes_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)
 """mm; bit by bit of their number: x, y, z."""
@@ -13,7 +13,7 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 SIDES = np.array([side for a, b, c, d in QUADS for side in ((a, b, c), (a, c, d))])
 
 
-def box(corners: np.ndarray) -> MeshedPart:
+def box(corners: np.ndarray) -> Mesh:
     return part("plate", "light", corners, SIDES)
 
 
@@ -32,8 +32,8 @@ def test_two_halves_weigh_what_the_whole_does():
 
 
 def test_a_disc_has_the_moments_of_a_cylinder():
-    [mesh] = meshes_of([Part("dot-0", "dark", (cylinder(40.0, 0.0, 10.0, -2.0, 0.0),))], 0.005)
-    mass, center, inertia = mass_of([MeshedPart("dot-0", "dark", mesh)])
+    meshes = meshes_of((Part("dot-0", "dark", (cylinder(40.0, 0.0, 10.0, -2.0, 0.0),)),), 0.005)
+    mass, center, inertia = mass_of(meshes)
     np.testing.assert_allclose(center, [0.04, 0, -0.001], atol=1e-9)
     # A polygon of 144 corners has 0.03 % less area, and twice that less of the second moment.
     assert inertia[2, 2] == pytest.approx(mass * 0.01**2 / 2, rel=1e-3)

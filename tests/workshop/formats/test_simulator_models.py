@@ -253,9 +253,9 @@ def test_a_plate_with_corners_bumps_as_a_box(engraved_folder):
 def test_meshes_too_large_for_mujoco_are_put_in_several_files(monkeypatch, marker):
     from markergen.workshop.mesh import meshed
 
-    parts = meshed([marker], OPTIONS, ".stl").parts
+    _, parts = meshed([marker], OPTIONS, ".stl")
     whole = _shown(parts, "name", "stem")
-    largest = max(len(part.mesh.triangles) for part in parts if part.material == "dark")
+    largest = max(len(part.triangles) for part in parts if part.material == "dark")
     monkeypatch.setattr("markergen.workshop.formats.simulators.MOST_TRIANGLES", largest)
     several = _shown(parts, "name", "stem")
     assert all((len(each.stl) - 84) // 50 <= largest < MOST_TRIANGLES for each in several)
