@@ -3,8 +3,9 @@
 # tests: tests/verification/test_check.py tests/verification/test_placement.py
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,6 @@ from markergen.guard import read
 from markergen.model.body import Body, Plate
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
-from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.findings import (
     AGAIN,
@@ -26,9 +26,10 @@ from markergen.verification.findings import (
     extras,
     judge,
     judge_copies,
+    round_holes,
 )
 from markergen.verification.flat import flat_findings, informative
-from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, mapped_pages
+from markergen.verification.matching import DotSet, changes, dots_on_page, expected_dots, moved_page
 from markergen.verification.reading import Page, Reading, Settings, reader_of
 from markergen.verification.result import Check, is_strange
 from markergen.verification.tags import ABSENT, tag_findings
@@ -37,7 +38,7 @@ from markergen.verification.words import MOST_LISTED, NO_PLATE, Finding
 USUAL = Settings()
 """Nothing said."""
 
-LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
+LACKING = {"no dots", "missing", "another marker", "tag", "outline", "hole"}
 """Kinds of findings that hidden layers explain."""
 
 Wanted = tuple[Marker, tuple[float, float], str]
@@ -49,20 +50,11 @@ def verify(body: Body, path: Path, settings: Settings = USUAL) -> Check:
 
     The dots of sheets and solids are aligned with the marker's by the best rotation and translation only: scaling and
     mirroring are reported as findings. In solids the relation of several plates counts; sheets show each by itself, on
-    any page. Files that only markergen writes are made again and compared value by value.
+    any page. Files that only markergen writes are made again and compared value by value. The default tolerance is
+    20 um, which no printer shows, or a quarter of a pixel where that is more.
 
-    Parameters
-    ----------
-    settings : Settings
-        Its tolerance is in m; None takes the format's own: 20 um, which no printer shows, or a quarter of a pixel where
-        that is more.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, its format is unknown, the tolerance is out of range, or `check_supported` refuses.
-    MissingLibraryError
-        If the file is STEP or BREP and the CAD kernel is missing.
+    Raises InputError if the file cannot be read, its format is unknown, the tolerance is out of range, or
+    `check_supported` refuses; MissingLibraryError if the file is STEP or BREP and the CAD kernel is missing.
     """
     for plate in body.plates:
         check_supported(plate.marker, "to verify a file against")
@@ -74,15 +66,8 @@ def verify(body: Body, path: Path, settings: Settings = USUAL) -> Check:
         if isinstance(reading, Check):
             return replace(reading, path=str(path))
         allowed = reading.tolerance if settings.tolerance is None else settings.tolerance
-        return replace(_checked(body, reading, allowed), path=str(path), tolerance=allowed)
-
-
-def _checked(body: Body, reading: Reading, tolerance: float) -> Check:
-    """Check a sheet."""
-    if body.frame != "marker":
-        return _several(body, reading, tolerance)
-    marker = body.plates[0].marker
-    return changed(marker, reading, tolerance, best_check(marker, reading, tolerance))
+        sheet = _several if body.frame != "marker" else _single
+        return replace(sheet(body, reading, allowed), path=str(path), tolerance=allowed)
 
 
 def check_tolerance(tolerance: float | None) -> None:
@@ -108,19 +93,22 @@ def best_check(marker: Marker, reading: Reading, tolerance: float) -> Check:
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
-def changed(marker: Marker, reading: Reading, tolerance: float, plain: Check) -> Check:
-    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than the check as it is."""
+def _single(body: Body, reading: Reading, tolerance: float) -> Check:
+    """Check a sheet of a marker, perhaps scaled, stretched or sheared as a whole, if that explains more."""
+    marker = body.plates[0].marker
+    plain = best_check(marker, reading, tolerance)
     apart = sum(finding.kind == "shifted" for finding in plain.findings)
     if not is_strange(plain) and apart < min(len(marker) / 2, MOST_LISTED):
         return plain
     expected = expected_dots(marker)
     if any(page.of_any_size for page in reading.pages):
-        pages = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
-        reading = replace(reading, pages=tuple(pages))
+        larger = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
+        reading = replace(reading, pages=tuple(larger))
     page = max(reading.pages, key=lambda page: len(page.circles))
     for undo, change in changes(page, expected):
-        check = best_check(marker, mapped_pages(reading, undo), tolerance)
-        if is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
+        pages = tuple(moved_page(page, undo) for page in reading.pages)
+        check = best_check(marker, replace(reading, pages=pages), tolerance)
+        if is_strange(check) or check.kinds & {"shifted", "scaled"}:
             continue
         change_errors = change_findings(change, expected, 1e3 * tolerance, page.measured)
         # Lines and edges at the wrong scale mean nothing.
@@ -136,22 +124,19 @@ def _wanted(marker: Marker) -> list[Wanted]:
     wanted: list[Wanted] = [(design, (1.0, 1.0), "")]
     if marker.print_scale != (1.0, 1.0):
         x, y = marker.print_scale
-        points = tuple(_resized(point, x, y) for point in design.control_points)
+        mean, points = (x * y) ** 0.5, list[ControlPoint]()
+        for point in design.control_points:
+            feature = Feature(point.feature.diameter / mean, point.feature.inner_diameter / mean)
+            points.append(replace(point, x=point.x / x, y=point.y / y, feature=feature))
         note = f"made for a printer that prints {100 * x:.6g} % along x and {100 * y:.6g} % along y"
-        wanted.append((replace(design, control_points=points), (1 / x, 1 / y), note))
+        wanted.append((replace(design, control_points=tuple(points)), (1 / x, 1 / y), note))
     return wanted
-
-
-def _resized(point: ControlPoint, x: float, y: float) -> ControlPoint:
-    mean = (x * y) ** 0.5
-    feature = Feature(point.feature.diameter / mean, point.feature.inner_diameter / mean)
-    return replace(point, x=point.x / x, y=point.y / y, feature=feature)
 
 
 def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     marker, factor, note = wanted
     expected = expected_dots(marker)
-    ids = [point.id for point in marker.control_points]
+    ids = marker.ids.tolist()
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("twice", sentence, "remove one of both") for sentence in reading.twice]
@@ -159,11 +144,13 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         Finding("twice", f"page {k + 1} is page {j + 1} again", "leave one of both")
         for k, page in enumerate(reading.pages)
         for j, earlier in enumerate(reading.pages[:k])
-        if len(page.circles) and all(map(_are_close, (page.circles, page.corners), (earlier.circles, earlier.corners)))
+        if len(page.circles)
+        and all(
+            first.shape == second.shape and np.allclose(first, second, atol=1e-3)
+            for first, second in ((page.circles, earlier.circles), (page.corners, earlier.corners))
+        )
     ]
-    contours = [opening.contour for opening in openings(marker)]
-    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
-    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
+    holes = round_holes(marker)
     count = 0
     notes = [*reading.notes, *([note] if note else [])]
     for page in reading.pages:
@@ -177,10 +164,9 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         here = [first, *(verdict for verdict in others if not bored[verdict.used].all())]
         bored[np.concatenate([verdict.used for verdict in here])] = False
         count += len(dots) - int(bored.sum())
-        if marker.tag is not None:
-            here = with_tag(here, marker.tag, factor, page, tolerance)
-        here, said_of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
-        findings += said_of_page
+        here = [with_tag(verdict, marker.tag, factor, page, tolerance) for verdict in here]
+        here, of_page, remarks = flat_findings(marker, factor, page, dots, here, tolerance)
+        findings += of_page
         notes += remarks
         verdicts += here
         explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
@@ -192,9 +178,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     if reading.alone and len(verdicts) > 1:
         findings.append(Finding("twice", f"the marker is there {len(verdicts)} times", "leave one of them"))
     worst = max(verdicts, key=lambda verdict: np.nan_to_num(verdict.largest, nan=np.inf))
-    if hidden and any(finding.kind in LACKING for v in verdicts for finding in v.findings):
+    if hidden and any(verdict.kinds & LACKING for verdict in verdicts):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
-    of_copies = [_of_copy(finding, k, verdicts) for k, verdict in enumerate(verdicts) for finding in verdict.findings]
+    copies = [f"copy {k + 1}: " if len(verdicts) > 1 else "" for k in range(len(verdicts))]
+    of_copies = [replace(finding, sentence=f"{copy}{finding.sentence}")
+                 for copy, verdict in zip(copies, verdicts, strict=True) for finding in verdict.findings]  # fmt: skip
     return Check(
         "", reading.kind, count, sum(len(verdict.used) > 0 for verdict in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
@@ -203,50 +191,27 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     )  # fmt: skip
 
 
-def _are_close(first: Array, second: Array) -> bool:
-    return first.shape == second.shape and np.allclose(first, second, atol=1e-3)
-
-
-def with_tag(
-    verdicts: list[Verdict], tag: Tag, factor: tuple[float, float], page: Page, tolerance: float
-) -> list[Verdict]:
-    """Add findings about the tag to the verdicts of one page."""
-    judged = []
-    for verdict in verdicts:
-        # Without the marker's dots the tag's position is not known.
-        if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
-            judged.append(verdict)
-            continue
-        rotation, translation = verdict.motion
-
-        def to_page(points: Array, rotation: Array = rotation, translation: Array = translation) -> Array:
-            return 1e3 * points * factor @ rotation.T + translation
-
-        errors = tag_findings(tag, page, to_page, 1e3 * tolerance)
-        judged.append(replace(verdict, findings=(*verdict.findings, *errors)))
-    return judged
+def with_tag(verdict: Verdict, tag: Tag | None, factor: tuple[float, float], page: Page, tolerance: float) -> Verdict:
+    """Add findings about the tag, if there is one, to a verdict."""
+    # Without the marker's dots the tag's position is not known.
+    if tag is None or verdict.motion is None or verdict.kinds & UNTAGGED:
+        return verdict
+    errors = tag_findings(tag, page, verdict.motion._replace(factor=factor), 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *errors))
 
 
 def _own_tags(verdicts: list[Verdict]) -> list[Verdict]:
     """Accept other tags on the copies if one has the right tag: a family of markers on one sheet."""
-    wrong = [any(finding.kind == "tag" for finding in verdict.findings) for verdict in verdicts]
-    if all(wrong):
+    if all("tag" in verdict.kinds for verdict in verdicts):
         return verdicts
-    kept = [
-        tuple(finding for finding in verdict.findings if not finding.sentence.endswith(ABSENT)) for verdict in verdicts
-    ]
+    kept = [tuple(f for f in verdict.findings if not f.sentence.endswith(ABSENT)) for verdict in verdicts]
     return [replace(verdict, findings=findings) for verdict, findings in zip(verdicts, kept, strict=True)]
-
-
-def _of_copy(finding: Finding, k: int, verdicts: list[Verdict]) -> Finding:
-    return finding if len(verdicts) == 1 else replace(finding, sentence=f"copy {k + 1}: {finding.sentence}")
 
 
 # --- Sheets of several plates -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _PlateOnPage:
+class _PlateOnPage(NamedTuple):
     """A plate on a page: its index and that of the page, how many findings there are, and its dots."""
 
     plate: int
@@ -270,7 +235,10 @@ def _several(body: Body, reading: Reading, tolerance: float) -> Check:
             continue
         number = places[k].page
         neighbors = [place.dots for j, place in places.items() if place.page == number and j != k]
-        page = replace(_without(reading.pages[number], neighbors), labels=labels[k])
+        page = replace(reading.pages[number], labels=labels[k])
+        for dots in neighbors:
+            # With others, not all that is to be cut is the plate's.
+            page = replace(page, circles=page.circles[~_in_dots(page.circles[:, :2], dots)], cut=None)
         check = checks[plate.name] = best_check(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
         # In a net the outlines are folds, in dashes.
         judged = [finding for finding in check.findings if not neighbors or finding.kind != "outline"]
@@ -295,8 +263,7 @@ def _none_found(body: Body, reading: Reading, tolerance: float) -> Check:
     """Check of sheets that show no plate of the body, unless they are scaled as a whole."""
     for plate in body.plates:
         for page in reading.pages:
-            alone = replace(reading, pages=(page,), papers=())
-            check = changed(plate.marker, alone, tolerance, best_check(plate.marker, alone, tolerance))
+            check = _single(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
             if not is_strange(check):
                 return replace(check, findings=tuple(_of_plate(finding, plate) for finding in check.findings))
     return Check("", reading.kind, findings=(NO_PLATE,))
@@ -307,30 +274,21 @@ def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> di
     places = []
     for k, plate in enumerate(plates):
         expected = expected_dots(plate.marker)
-        ids = [point.id for point in plate.marker.control_points]
+        ids = plate.marker.ids.tolist()
         for number, page in enumerate(reading.pages):
             dots = dots_on_page(page, expected)
             verdicts = judge_copies(expected, ids, dots, tolerance, upright=page.upright, pixels=page.measured)
-            if plate.marker.tag is not None:
-                verdicts = with_tag(verdicts, plate.marker.tag, (1.0, 1.0), page, tolerance)
-            places += [
-                _PlateOnPage(k, number, (len(verdict.findings), verdict.largest), dots.take(verdict.used))
-                for verdict in verdicts
-                if len(verdict.used)
-            ]
+            for verdict in verdicts:
+                if len(verdict.used):
+                    verdict = with_tag(verdict, plate.marker.tag, (1.0, 1.0), page, tolerance)
+                    cost = len(verdict.findings), verdict.largest
+                    places.append(_PlateOnPage(k, number, cost, dots.take(verdict.used)))
     chosen: dict[int, _PlateOnPage] = {}
     for place in sorted(places, key=lambda place: place.cost):
         taken = [earlier.dots for earlier in chosen.values() if earlier.page == place.page]
         if place.plate not in chosen and not any(_in_dots(place.dots.centers, dots).any() for dots in taken):
             chosen[place.plate] = place
     return chosen
-
-
-def _without(page: Page, neighbors: Sequence[DotSet]) -> Page:
-    """Page without the circles of other plates' dots; with others, not all that is to be cut is the plate's."""
-    for dots in neighbors:
-        page = replace(page, circles=page.circles[~_in_dots(page.circles[:, :2], dots)], cut=None)
-    return page
 
 
 def _in_dots(points: Array, dots: DotSet) -> NDArray[np.bool_]:

@@ -5,14 +5,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
 from markergen.maths.rotation import rigid_motion, scaled_motion
-from markergen.verification.matching import DotSet, Match, best_match
+from markergen.model.marker import Marker
+from markergen.model.openings import openings
+from markergen.verification.matching import DotSet, best_match
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids, scale_finding, short_length
 
 MOST_SUBSETS = 300
@@ -25,7 +27,7 @@ MIRRORED = "print or cut it without mirroring: looked at from the printed side i
 AGAIN = "export it again, and do not edit its dots"
 ROUND = "export it with circles that are circles, or with a finer tolerance"
 
-UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
+UNTAGGED = {"scaled", "sheared", "mirrored", "another marker"}
 """Findings that imply a wrong tag, so that it is not reported."""
 
 FAR = 2.0
@@ -41,6 +43,25 @@ DIAMETER = {False: 2.0, True: 4.0}
 """Ratio of the tolerance of a diameter to that of a center, by whether the file is made of pixels."""
 
 
+class Motion(NamedTuple):
+    """Motion of the plane from the marker's frame to the page, mm: a rotation (2, 2), perhaps mirrored, and a shift.
+
+    Of a marker that is drawn for a printer, `factor` is the ratio of drawn to true lengths along x and y.
+    """
+
+    rotation: Array
+    shift: Array
+    factor: tuple[float, float] = (1.0, 1.0)
+
+    def to_page(self, points: Array) -> Array:
+        """Map points (..., 2) in the marker frame."""
+        return np.asarray(points * self.factor @ self.rotation.T + self.shift)
+
+    def to_marker(self, points: Array) -> Array:
+        """Map points (..., 2) on the page."""
+        return np.asarray((points - self.shift) @ self.rotation / self.factor)
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """Result for the dots of one copy of a marker.
@@ -53,8 +74,7 @@ class Verdict:
         Its index.
     scale : (x, y)
         Ratio of distances between dots in the file to those in marker.json, along the marker's axes; nan if unknown.
-    motion : (rotation (2, 2), shift (2,)) or None
-        Motion from the marker's frame to the page, mm.
+    motion : Motion or None
     used : array of int
         Indices of the found dots that belong to this copy.
     names : tuple of int
@@ -65,9 +85,14 @@ class Verdict:
     worst: int | None
     scale: tuple[float, float]
     findings: tuple[Finding, ...]
-    motion: tuple[Array, Array] | None
+    motion: Motion | None
     used: NDArray[np.intp]
     names: tuple[int, ...] = ()
+
+    @property
+    def kinds(self) -> set[str]:
+        """Kinds of the findings."""
+        return {finding.kind for finding in self.findings}
 
 
 NOTHING = np.zeros(0, dtype=np.intp)
@@ -79,39 +104,26 @@ def judge(
 ) -> Verdict:  # fmt: skip
     """Compare found dots with expected ones, aligned by the best rigid motion of the plane (no scale).
 
-    Parameters
-    ----------
-    expected, dots : DotSet
-        mm.
-    ids : list of int
-        Ids of the expected dots.
-    tolerance : float
-        m.
-    upright
-        See `best_match`.
-    pixels : bool
-        True if the dots were measured in pixels, which widens the tolerance of diameters.
+    The tolerance is in m, of diameters wider if the dots were measured in pixels. For `upright` see `best_match`.
     """
     tol = 1e3 * tolerance
     labels = best_match(expected, dots, upright)
     n = len(expected)
     if labels is None or labels.count < 3 or 2 * labels.count < n:
         seen = 0 if labels is None else labels.count
-        content = (
-            f"{len(dots)} dots of about its sizes, of which {seen} are in its layout of {n}" if len(dots) else "none"
-        )
-        kind = "another marker" if len(dots) else "no dots"
-        sentence = f"another marker: found {content}" if len(dots) else "no dots of the marker's sizes"
-        return Verdict(np.nan, None, (np.nan, np.nan), (Finding(kind, sentence),), None, NOTHING)
+        finding = Finding("no dots", "no dots of the marker's sizes")
+        if len(dots):
+            layout = f"{len(dots)} dots of about its sizes, of which {seen} are in its layout of {n}"
+            finding = Finding("another marker", f"another marker: found {layout}")
+        return Verdict(np.nan, None, (np.nan, np.nan), (finding,), None, NOTHING)
     here = np.flatnonzero(labels.indices >= 0)
     source, matched = expected.centers[here], dots.take(labels.indices[here])
     agreed, scale, is_scaled = _explain(source, matched.centers, labels.mirror, tol)
     trusted = bool(agreed.any())
     agreed = agreed if trusted else np.ones_like(agreed)
-    rotation, translation = rigid_motion(source[agreed], matched.centers[agreed], labels.mirror)
-    if is_scaled:
-        rotation, translation = rigid_motion(source, matched.centers, labels.mirror)
-    off = (matched.centers - translation) @ rotation - source
+    shown = agreed | is_scaled
+    motion = Motion(*rigid_motion(source[shown], matched.centers[shown], labels.mirror))
+    off = motion.to_marker(matched.centers) - source
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))
     names = [ids[k] for k in here]
@@ -134,12 +146,12 @@ def judge(
         sentence = f"another marker: its dots are as large as this one's, but {times} times as far apart"
         findings.append(Finding("another marker", sentence))
     findings += _off(names, off, apart, tol)
-    findings += _absent(ids, labels)
+    if missing := [ids[k] for k in np.flatnonzero(labels.indices < 0)]:
+        findings.append(Finding("missing", f"{listed_ids(missing)} missing", AGAIN))
     findings += _features(names, matched, expected.take(here), factor, bent, tol, DIAMETER[pixels])
     return Verdict(
-        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, translation), labels.indices[here],
-        tuple(names),
-    )  # fmt: skip
+        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), motion, labels.indices[here], tuple(names)
+    )
 
 
 def judge_copies(expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, **traits: Any) -> list[Verdict]:
@@ -172,16 +184,21 @@ def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: b
     return findings
 
 
-def at_holes(dots: DotSet, motion: tuple[Array, Array] | None, holes: Array) -> Mask:
+def round_holes(marker: Marker) -> Array:
+    """Middles (k, 2) in mm of a marker's round openings."""
+    rounds = [opening.contour.as_circle for opening in openings(marker)]
+    return 1e3 * np.array([whole[:2] for whole in rounds if whole is not None]).reshape(-1, 2)
+
+
+def at_holes(dots: DotSet, motion: Motion | None, holes: Array) -> Mask:
     """Tell which dots lie at holes (k, 2), mm, of a marker that is placed by a motion."""
     if motion is None or not len(holes):
         return np.zeros(len(dots), dtype=bool)
-    rotation, translation = motion
-    places = (dots.centers - translation) @ rotation
+    places = motion.to_marker(dots.centers)
     return np.asarray(np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) <= dots.radii / 2)
 
 
-def extras(dots: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array) -> list[Finding]:
+def extras(dots: DotSet, used: NDArray[np.intp], motion: Motion | None, holes: Array) -> list[Finding]:
     """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped.
 
     So are those far from a small marker on a large sheet: at the size of its dots, letters are round.
@@ -189,10 +206,9 @@ def extras(dots: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | N
     left = np.setdiff1d(np.flatnonzero(~at_holes(dots, motion, holes)), used)
     if not len(left) or motion is None:
         return []
-    rotation, translation = motion
-    places = (dots.centers[left] - translation) @ rotation
+    places = motion.to_marker(dots.centers[left])
     if len(used):
-        inner = (dots.centers[used] - translation) @ rotation
+        inner = motion.to_marker(dots.centers[used])
         middle = inner.mean(axis=0)
         reach = FAR * (np.linalg.norm(inner - middle, axis=-1).max() + 10 * dots.radii[used].max())
         close = np.linalg.norm(places - middle, axis=-1) <= reach
@@ -247,17 +263,12 @@ def _away(source: Array, target: Array, chosen: Mask, mirror: bool, is_scaled: b
     return np.nan_to_num(np.linalg.norm(source * by @ rotation.T + translation - target, axis=-1), nan=np.inf)
 
 
-def _subsets(m: int, size: int) -> list[tuple[int, ...]]:
-    if m <= 14:
-        return list(combinations(range(m), size))
-    rng = np.random.default_rng(0)
-    return [tuple(rng.choice(m, size, replace=False).tolist()) for _ in range(MOST_SUBSETS)]
-
-
 def _consensus(source: Array, target: Array, mirror: bool, tol: float, is_scaled: bool) -> Mask:
-    best, size = np.zeros(len(source), dtype=bool), 3 if is_scaled else 2
-    for subset in _subsets(len(source), size):
-        chosen = np.zeros(len(source), dtype=bool)
+    m, size, rng = len(source), 3 if is_scaled else 2, np.random.default_rng(0)
+    subsets = (rng.choice(m, size, replace=False) for _ in range(MOST_SUBSETS))
+    best = np.zeros(m, dtype=bool)
+    for subset in combinations(range(m), size) if m <= 14 else subsets:
+        chosen = np.zeros(m, dtype=bool)
         chosen[list(subset)] = True
         # A small subset predicts the other dots less accurately than the full consensus.
         agreed = _away(source, target, chosen, mirror, is_scaled) <= 3 * tol
@@ -291,13 +302,6 @@ def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding
     return [Finding("shifted", sentence, AGAIN) for sentence in sentences]
 
 
-def _absent(ids: list[int], labels: Match) -> list[Finding]:
-    missing = [ids[k] for k in np.flatnonzero(labels.indices < 0)]
-    if not missing:
-        return []
-    return [Finding("missing", f"{listed_ids(missing)} missing", AGAIN)]
-
-
 def _features(
     names: list[int], dots: DotSet, expected: DotSet, factor: float, bent: float, tol: float, share: float
 ) -> list[Finding]:
@@ -312,32 +316,22 @@ def _features(
     ):
         both = (have > 0) & (want > 0)
         wrong = np.flatnonzero(both & (np.abs(have - factor * want) > share * tol / 2))
-        if len(wrong) == len(names) > 1:
-            sizes = (
-                f"{2 * have.min():.6g} to {2 * have.max():.6g} mm" if np.ptp(have) > tol else f"{2 * have[0]:.6g} mm"
-            )
-            findings.append(
-                Finding(
-                    "diameter",
-                    f"all dots have {what} of {sizes}, not {2 * want[0]:.6g} mm",
-                )
-            )
-            continue
-        for k in wrong[:MOST_LISTED]:
-            sentence = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
-            findings.append(Finding("diameter", sentence))
+        together = len(wrong) == len(names) > 1
+        for k in wrong[: 1 if together else MOST_LISTED]:
+            who = "all dots have" if together else f"dot {names[k]} has"
+            span = f"{2 * have.min():.6g} to {2 * have.max():.6g}"
+            size = span if together and np.ptp(have) > tol else f"{2 * have[k]:.6g}"
+            findings.append(Finding("diameter", f"{who} {what} of {size} mm, not {2 * want[k]:.6g} mm"))
     for k in np.flatnonzero(dots.rough > share * tol / 2 + bent * dots.radii)[:MOST_LISTED]:
         sentence = f"dot {names[k]} is not round: its edge is up to {short_length(dots.rough[k])} off its circle"
         findings.append(Finding("diameter", sentence, ROUND))
     for k in np.flatnonzero(dots.spread > tol)[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(dots.spread[k])} apart"))
-    if dots.heights is not None and expected.heights is not None:
-        # In every format with heights they are measured from the marker's plane.
-        rise = dots.heights / factor - expected.heights
-        wrong = np.flatnonzero(np.abs(rise) > tol)
-        together = len(wrong) == len(names) > 1 and np.ptp(rise) <= 2 * tol
-        for k in wrong[: 1 if together else MOST_LISTED]:
-            who = "all dots are" if together else f"dot {names[k]} is"
-            way = "high" if rise[k] > 0 else "low"
-            findings.append(Finding("height", f"{who} {short_length(abs(rise[k]))} too {way}"))
+    # In every format with heights they are measured from the marker's plane.
+    rise = dots.heights / factor - expected.heights
+    wrong = np.flatnonzero(np.abs(rise) > tol)
+    together = len(wrong) == len(names) > 1 and bool(np.ptp(rise) <= 2 * tol)
+    for k in wrong[: 1 if together else MOST_LISTED]:
+        who = "all dots are" if together else f"dot {names[k]} is"
+        findings.append(Finding("height", f"{who} {short_length(abs(rise[k]))} too {'high' if rise[k] > 0 else 'low'}"))
     return findings

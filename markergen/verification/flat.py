@@ -17,7 +17,7 @@ from markergen.arrays import Array, Mask
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.verification.findings import AGAIN, BENT, Verdict
+from markergen.verification.findings import AGAIN, BENT, Motion, Verdict
 from markergen.verification.lines import (
     CutLine,
     in_picture,
@@ -70,37 +70,30 @@ def flat_findings(
 ) -> tuple[list[Verdict], list[Finding], list[str]]:
     """Add to the verdicts on the copies on a page what else is wrong with each; findings about the page; notes.
 
-    Parameters
-    ----------
-    factor : (x, y)
-        Ratio of drawn to true lengths.
-    dots : DotSet
-        All dots of the page, mm.
-    tolerance : float
-        m.
+    `factor` is the ratio of drawn to true lengths along x and y, `dots` are all of the page, the tolerance is in m.
     """
     judged, notes = [], dict[str, None]()
     tol = 1e3 * tolerance
-    to_cut = None if page.cut is None or page.lines is None else page.lines[page.cut]
-    strange, sought = np.ones(0 if to_cut is None else len(to_cut), dtype=bool), False
+    to_cut = np.zeros((0, 2, 2)) if page.cut is None or page.lines is None else page.lines[page.cut]
+    strange = to_cut[:0]
     kinds = [sheet_lines(marker)]
     if page.layers:
         # A plate that cannot be made has no lines.
         with suppress(InputError):
             kinds.append(plate_lines(marker))
     for verdict in verdicts:
-        if verdict.motion is None or not {finding.kind for finding in verdict.findings} <= STILL_TRUE:
+        if verdict.motion is None or not verdict.kinds <= STILL_TRUE:
             judged.append(verdict)
             continue
-        motion = verdict.motion
+        motion, drawn = verdict.motion, verdict.motion._replace(factor=factor)
         flaws = _on_layers(page, dots.take(verdict.used), verdict.names)
-        lines, wanted = _lines(kinds, page, motion, expected_dots(marker), factor, tol)
+        lines, wanted = _lines(kinds, page, drawn, expected_dots(marker), tol)
         flaws += lines
         if page.picture is not None:
-            around = _around(marker, wanted, motion, factor, tol + 1.5 * page.picture.grain)
+            around = _around(marker, wanted, drawn, tol + 1.5 * page.picture.grain)
             others = np.delete(np.arange(len(dots)), verdict.used)
             crowd = np.column_stack([dots.centers[others], dots.radii[others]])
-            placed, names = _with_absent(dots.take(verdict.used), verdict, marker, factor)
+            placed, names = _with_absent(dots.take(verdict.used), verdict.names, marker, drawn)
             appearance, remarks, absent = shown_findings(
                 placed, names, len(verdict.used), page.picture, motion, tol, np.concatenate([around, crowd])
             )
@@ -109,30 +102,27 @@ def flat_findings(
             kept = tuple(finding for finding in verdict.findings if finding.kind != "missing")
             missing = (Finding("missing", f"{listed_ids(absent)} missing", AGAIN),) if absent else ()
             verdict = replace(verdict, findings=(*kept, *missing))
-        flaws += _unread(page, marker, motion, factor)
-        if to_cut is not None and not any(finding.kind == "layer" for finding in flaws):
+        flaws += _unread(page, marker, drawn)
+        if len(to_cut) and not any(finding.kind == "layer" for finding in flaws):
             pieces = pieces_of([line.contour for line in wanted])
-            strange &= strays(_to_marker(to_cut, motion, factor), pieces, misplaced=bool(lines))
-            sought = True
+            to_cut = strange = to_cut[strays(drawn.to_marker(to_cut), pieces, misplaced=bool(lines))]
         if len(verdicts) == 1 and page.picture is not None and page.picture.whole and not (verdict.findings or flaws):
             flaws = printed_findings(marker, factor != (1.0, 1.0), page, motion, len(crowd) > 0)
         judged.append(replace(verdict, findings=(*verdict.findings, *flaws)))
     if page.lines is None and page.picture is not None and page.picture.bilevel:
         notes["a picture in black and white alone, which may lack grey lines to cut"] = None
-    extra = []
-    if to_cut is not None and sought and strange.any():
-        x, y = to_cut[strange].mean(axis=1)[0]
-        what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
-        extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
     unclaimed, left_open = _unclaimed(page, marker, dots, judged, factor)
-    if len(left_open):
-        x, y = left_open.mean(axis=1)[0]
-        what = f"a side of the tag is not to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
-        extra.append(Finding("tag", what, "close it, or export it again"))
-    if len(unclaimed):
-        x, y = unclaimed.mean(axis=1)[0]
-        what = f"lines that are neither dot nor tag are to be engraved, at x {x:.4g}, y {y:.4g} mm of the page"
-        extra.append(Finding("extra", what, f"remove them, or move them to the layer {INFO_ON}"))
+    extra = []
+    for kind, wrong, what, remedy in (
+        ("outline", strange, "lines that are neither outline nor hole are to be cut",
+         "remove them from the layer of the cuts"),
+        ("tag", left_open, "a side of the tag is not to be engraved", "close it, or export it again"),
+        ("extra", unclaimed, "lines that are neither dot nor tag are to be engraved",
+         f"remove them, or move them to the layer {INFO_ON}"),
+    ):  # fmt: skip
+        if len(wrong):
+            x, y = wrong[0].mean(axis=0)
+            extra.append(Finding(kind, f"{what}, at x {x:.4g}, y {y:.4g} mm of the page", remedy))
     return judged, extra, list(notes)
 
 
@@ -142,9 +132,9 @@ def _unclaimed(
     """Lines to engrave (m, 2, 2) of neither a dot nor the tag, and sides (k, 2, 2) of the tag without a line, mm."""
     if page.engraved is None or any(verdict.findings for verdict in verdicts):
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
-    motions = [verdict.motion for verdict in verdicts if verdict.motion is not None]
+    motions = [verdict.motion._replace(factor=factor) for verdict in verdicts if verdict.motion is not None]
     tag = [1e3 * np.asarray(ring)[:, :2] for ring in marker.tag.outlines] if marker.tag is not None else []
-    rings = [_to_page(ring, motion, factor) for ring in tag for motion in motions]
+    rings = [motion.to_page(ring) for ring in tag for motion in motions]
     around = np.exp(2j * np.pi * np.arange(60) / 60)
     for radii in (dots.radii, dots.inner):
         circles = radii[radii > 0, None] * around
@@ -154,20 +144,13 @@ def _unclaimed(
     return page.engraved[strays(page.engraved, wanted)], of_tag[strays(of_tag, page.engraved)]
 
 
-def _with_absent(
-    dots: DotSet, verdict: Verdict, marker: Marker, factor: tuple[float, float]
-) -> tuple[DotSet, list[int]]:
+def _with_absent(dots: DotSet, names: Sequence[int], marker: Marker, motion: Motion) -> tuple[DotSet, list[int]]:
     """The dots of a copy with those that were not found, at their places on the page, and the ids of all."""
-    assert verdict.motion is not None
-    ids = [point.id for point in marker.control_points]
-    absent = [k for k, name in enumerate(ids) if name not in set(verdict.names)]
-    expected = expected_dots(marker).take(np.array(absent, dtype=np.intp))
-    placed = replace(expected, centers=_to_page(expected.centers, verdict.motion, factor))
-    columns = ("centers", "radii", "inner", "spread", "rough")
-    centers, radii, inner, spread, rough = (
-        np.concatenate([getattr(one, key) for one in (dots, placed)]) for key in columns
-    )
-    return DotSet(centers, radii, inner, spread, rough), [*verdict.names, *(ids[k] for k in absent)]
+    absent = np.flatnonzero(~np.isin(marker.ids, names))
+    expected = expected_dots(marker).take(absent)
+    placed = replace(expected, centers=motion.to_page(expected.centers))
+    columns = map(np.concatenate, zip(dots.columns, placed.columns, strict=True))
+    return DotSet(*columns), [*names, *marker.ids[absent].tolist()]
 
 
 def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
@@ -199,18 +182,16 @@ def _layers_of(page: Page, dots: DotSet, k: int) -> set[str]:
     return {page.layers[index] for index in np.flatnonzero(is_here & size)}
 
 
-def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tuple[float, float]) -> list[Finding]:
+def _unread(page: Page, marker: Marker, motion: Motion) -> list[Finding]:
     """Text, images and so on that may be over a dot or its quiet zone, or over the tag."""
-    expected, findings = expected_dots(marker), []
-    places = _to_page(expected.centers, motion, factor)
-    ids = np.array([point.id for point in marker.control_points])
-    tag = marker.tag
+    expected, tag, findings = expected_dots(marker), marker.tag, []
+    places = motion.to_page(expected.centers)
     for name, corners in page.unread:
         bounded = np.isfinite(corners).all()
         low, high = corners.min(axis=0), corners.max(axis=0)
         away = np.linalg.norm(places - np.clip(places, low, high), axis=1)
-        crossed = ids[~(away >= 2 * expected.radii)].tolist() if bounded else []
-        square = _to_page(1e3 * tag.corners[:, :2], motion, factor) if tag else np.zeros((0, 2))
+        crossed = marker.ids[~(away >= 2 * expected.radii)].tolist() if bounded else []
+        square = motion.to_page(1e3 * tag.corners[:, :2]) if tag else np.zeros((0, 2))
         over = bounded and len(square) and (square.min(axis=0) <= high).all() and (square.max(axis=0) >= low).all()
         if bounded and not crossed and not over:
             continue
@@ -224,12 +205,9 @@ def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tup
 
 
 def _lines(
-    kinds: Sequence[list[CutLine]], page: Page, motion: tuple[Array, Array], expected: DotSet,
-    factor: tuple[float, float], tol: float,
-) -> tuple[list[Finding], list[CutLine]]:  # fmt: skip
+    kinds: Sequence[list[CutLine]], page: Page, motion: Motion, expected: DotSet, tol: float
+) -> tuple[list[Finding], list[CutLine]]:
     """Findings about outline and holes, and the lines that are wanted: those of a sheet or of a plate."""
-    if page.lines is None and page.picture is None:
-        return [], kinds[0]
 
     def free(points: Array) -> Mask:
         radii = np.maximum(QUIET * expected.radii, 2 * expected.radii + SPECK)
@@ -238,23 +216,20 @@ def _lines(
 
     if page.picture is not None:
         points = np.concatenate([sampled(line.contour)[0][::4] for line in kinds[0]])
-        places = _to_page(points[~free(points)], motion, factor)
+        places = motion.to_page(points[~free(points)])
         if len(places) and np.isnan(page.picture.sample(places)).mean() > 0.01:
             sentence = "the outline reaches beyond the visible page: the page is cropped"
             return [Finding("hidden", sentence, "print or save the whole page")], kinds[0]
     if page.lines is not None:
         lines = page.lines if page.cut is None else page.lines[page.cut]
-        seek = seek_among(_to_marker(lines, motion, factor))
-        allowed = tol
-    else:
-        assert page.picture is not None
-        sample, grain = page.picture.sample, page.picture.grain
-        seek = in_picture(lambda points: sample(_to_page(points, motion, factor)), grain)
-        allowed = max(tol, grain / 2, THIN)
-    if page.lines is None and page.picture is not None and (page.picture.grain > COARSEST or page.picture.bilevel):
+        seek, allowed, outliers = seek_among(motion.to_marker(lines)), tol, 0.0
+    elif page.picture is None or page.picture.grain > COARSEST or page.picture.bilevel:
         return [], kinds[0]
+    else:
+        sample, grain = page.picture.sample, page.picture.grain
+        seek = in_picture(lambda points: sample(motion.to_page(points)), grain)
+        allowed, outliers = max(tol, grain / 2, THIN), CROSSED
     gaps = None if page.layers else free
-    outliers = 0.0 if page.lines is not None else CROSSED
     results = [(line_findings(wanted, seek, allowed, gaps, outliers), wanted) for wanted in kinds]
     findings, wanted = min(results, key=lambda result: len(result[0]))
     seen = page.picture if page.lines is not None and not findings else None
@@ -264,9 +239,7 @@ def _lines(
     return findings, wanted
 
 
-def _around(
-    marker: Marker, wanted: Sequence[CutLine], motion: tuple[Array, Array], factor: tuple[float, float], spare: float
-) -> Array:
+def _around(marker: Marker, wanted: Sequence[CutLine], motion: Motion, spare: float) -> Array:
     """Circles (m, 3) on the page that cover the tag and all lines to cut, which may be in quiet zones."""
     points = [sampled(line.contour)[0] for line in wanted]
     disks = [np.column_stack([line_points, np.full(len(line_points), 1.0 + spare)]) for line_points in points]
@@ -275,15 +248,7 @@ def _around(
         cells = 1e3 * (marker.tag.side * grid + marker.tag.center)
         disks.append(np.column_stack([cells, np.full(len(cells), 1e3 * marker.tag.side / 8 + spare)]))
     both = np.concatenate(disks) if disks else np.zeros((0, 3))
-    return np.column_stack([_to_page(both[:, :2], motion, factor), both[:, 2]])
-
-
-def _to_page(points: Array, motion: tuple[Array, Array], factor: tuple[float, float]) -> Array:
-    return np.asarray(points * factor @ motion[0].T + motion[1])
-
-
-def _to_marker(points: Array, motion: tuple[Array, Array], factor: tuple[float, float]) -> Array:
-    return np.asarray((points - motion[1]) @ motion[0] / factor)
+    return np.column_stack([motion.to_page(both[:, :2]), both[:, 2]])
 
 
 # --- What shows -------------------------------------------------------------------------------------------------------
@@ -329,26 +294,14 @@ def shown_findings(
     names: Sequence[int],
     count: int,
     picture: PagePicture,
-    motion: tuple[Array, Array],
+    motion: Motion,
     tolerance: float,
     around: Array,
 ) -> tuple[list[Finding], list[str], list[int]]:
     """Findings and notes about how a marker's dots show, and the ids of those of which nothing shows.
 
-    Parameters
-    ----------
-    dots : DotSet
-        The marker's dots as found, and then those that were not found at the places where they should be, mm.
-    names : sequence of int
-        Their ids.
-    count : int
-        Number of those that were found.
-    motion : (rotation (2, 2), shift (2,))
-        From the marker frame to the page, mm.
-    tolerance : float
-        mm.
-    around : array (m, 3)
-        Center and radius of everything else that may have ink in quiet zones, such as a tag; mm.
+    The first `count` of the dots were found; the others are at the places where they should be. `around` (m, 3) has
+    center and radius of everything else that may have ink in quiet zones, such as a tag. All is in mm.
     """
     edge = tolerance + 1.5 * picture.grain
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
@@ -358,9 +311,12 @@ def shown_findings(
     ink, paper, middle = (picture.sample(sites.reshape(-1, 2)).reshape(len(dots), -1) for sites in (on, off, hole))
     covered_most = COVERED[picture.measured]
     hidden = np.isnan(ink).mean(axis=1) > COVERED[True]
-    findings = _cut_off([name for name, is_ in zip(names, hidden, strict=True) if is_])
+    findings = []
+    if cut_off := [name for name, is_ in zip(names, hidden, strict=True) if is_]:
+        sentence = f"{listed_ids(cut_off)} outside the visible page: the page is cropped"
+        findings.append(Finding("hidden", sentence, PRINT_ALL))
     # There may be a fine cross in the middle of the marker.
-    ink[(np.abs((on - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
+    ink[(np.abs(motion.to_marker(on)) < CROSS).any(axis=2)] = np.nan
     crowd = np.concatenate([np.column_stack([dots.centers, dots.radii + edge]), around])
     for k in range(len(dots)):
         others = np.delete(crowd, k, axis=0)
@@ -370,7 +326,10 @@ def shown_findings(
     ground = np.array([_median(row) for row in paper])
     # A dot in a crowd takes the paper of the others.
     ground = np.where(np.isfinite(ground), ground, _median(np.append(ground, picture.paper)))
-    level = np.array([_level(row, paper) for row, paper in zip(ink, ground, strict=True)])
+    # Grey level of a dot, even if half of it is covered.
+    inked = np.abs(np.nan_to_num(ink - ground[:, None])) > UNSEEN
+    counted = np.where(inked.mean(axis=1, keepdims=True) > 0.1, inked, True)
+    level = np.array([_median(row[chosen]) for row, chosen in zip(ink, counted, strict=True)])
     is_found = np.arange(len(dots)) < count
     visible = np.flatnonzero(~hidden & (is_found | (np.abs(ground - level) >= UNSEEN)))
     unexplained = ~is_found & ~hidden
@@ -384,7 +343,7 @@ def shown_findings(
     if filled and not any(finding.kind == "inverted" for finding in contrast_findings):
         sentence = f"the page is filled: its paper has the grey level {picture.paper:.0f} of 255"
         findings.append(Finding("extra", sentence, "remove what is drawn over the whole page"))
-    middle[(np.abs((hole - motion[1]) @ motion[0]) < CROSS).any(axis=2)] = np.nan
+    middle[(np.abs(motion.to_marker(hole)) < CROSS).any(axis=2)] = np.nan
     for place in np.flatnonzero(good):
         k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
         if not picture.whole and is_found[k]:
@@ -397,7 +356,7 @@ def shown_findings(
         most = STROKE if stroked else covered_most
         if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > covered_most:
             findings.append(Finding("kind", f"the middle of ring {names[k]} shows ink", "draw it as a ring"))
-        more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
+        more = _covers(names[k], ink[k], paper[k], motion.to_marker(off[k]), levels, most)
         covered = any(finding.kind == "covered" for finding in more)
         findings += more if covered else stroked or more
         unexplained[k] &= not covered
@@ -416,19 +375,6 @@ def _spread(centers: Array, low: Array, high: Array) -> Array:
 def _median(values: Array) -> float:
     kept = values[np.isfinite(values)]
     return float(np.median(kept)) if len(kept) else np.nan
-
-
-def _level(ink: Array, ground: float) -> float:
-    """Grey level of a dot, even if half of it is covered."""
-    inked = np.abs(np.nan_to_num(ink - ground)) > UNSEEN
-    return _median(ink[inked]) if inked.mean() > 0.1 else _median(ink)
-
-
-def _cut_off(names: list[int]) -> list[Finding]:
-    if not names:
-        return []
-    sentence = f"{listed_ids(names)} outside the visible page: the page is cropped"
-    return [Finding("hidden", sentence, PRINT_ALL)]
 
 
 def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:

@@ -11,6 +11,7 @@ from markergen.arrays import Array, Indices, Mask
 from markergen.geometry.contour import Contour, area, backward, box, flattened, placed
 from markergen.model.marker import Marker
 from markergen.model.openings import Opening, openings
+from markergen.model.substrate import Hole
 from markergen.solid.plate import plate_of
 from markergen.verification.words import MOST_LISTED, Finding, short_length
 
@@ -62,10 +63,7 @@ def sheet_lines(marker: Marker) -> list[CutLine]:
 def plate_lines(marker: Marker) -> list[CutLine]:
     """Lines to cut for a plate: its outline, which is larger than a boundary with an edge, and all holes.
 
-    Raises
-    ------
-    InputError
-        If the plate cannot be made.
+    Raises InputError if the plate cannot be made.
     """
     contours = [contour for outline in plate_of(marker).outlines for contour in outline]
     holes = [_line_of(opening) for opening in openings(marker) if opening.hole]
@@ -74,10 +72,13 @@ def plate_lines(marker: Marker) -> list[CutLine]:
     return [*_outlines([contour for contour in contours if area(contour) > 0]), *holes]
 
 
+def hole_name(hole: Hole) -> str:
+    """Name of a hole in findings."""
+    return f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+
+
 def _line_of(opening: Opening) -> CutLine:
-    name, hole = str(opening), opening.hole
-    if hole:
-        name = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+    name = hole_name(opening.hole) if opening.hole else str(opening)
     return CutLine(name, placed(opening.contour, 1e3, digits=9), hole=True)
 
 
@@ -159,18 +160,10 @@ def line_findings(
     free: Callable[[Array], Mask] | None = None,
     outliers: float = 0.0,
 ) -> list[Finding]:
-    """Lines that are missing, misplaced, of another size, or polygons instead of circles.
+    """Lines that are missing, misplaced by more than a tolerance in mm, of another size, or polygons for circles.
 
-    Parameters
-    ----------
-    seek : callable
-        See `seek_among` and `in_picture`.
-    tolerance : float
-        mm.
-    free : callable or None
-        Tells at which points (m, 2) outlines have gaps by design: in the quiet zones of a printed sheet.
-    outliers : float
-        Share of each line that may be off without a word.
+    `free` tells at which points (m, 2) outlines have gaps by design: in the quiet zones of a printed sheet. A share
+    `outliers` of each line may be off without a word.
     """
     findings = []
     for line in wanted:

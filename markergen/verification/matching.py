@@ -6,7 +6,7 @@ A page may have been scaled or sheared as a whole: `changes` finds what to undo 
 # tests: tests/verification/test_check.py
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array, Indices
 from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import Marker
-from markergen.verification.reading import Page, Reading
+from markergen.verification.reading import Page
 
 ALIKE = 1.3
 """Maximum ratio between the radii of a circle and of a dot that it may be."""
@@ -46,7 +46,8 @@ class DotSet:
         Largest distance between the centers of the circles of one dot.
     rough : array (m,)
         Largest distance of the outlines of a dot from its circles.
-    heights : array (m,) or None
+    heights : array (m,)
+        nan where the file has none.
     ordered : bool
         True if the dots are in the order in which they were written to the file.
     """
@@ -56,11 +57,16 @@ class DotSet:
     inner: Array
     spread: Array
     rough: Array
-    heights: Array | None = None
-    ordered: bool = True
+    heights: Array
+    ordered: bool = field(default=True, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.centers)
+
+    @property
+    def columns(self) -> list[Array]:
+        """What is known of each dot."""
+        return [self.centers, self.radii, self.inner, self.spread, self.rough, self.heights]
 
     @property
     def rings(self) -> NDArray[np.bool_]:
@@ -69,22 +75,14 @@ class DotSet:
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "DotSet":
         """Select dots by mask or index."""
-        heights = None if self.heights is None else self.heights[chosen]
-        centers, radii, inner = self.centers[chosen], self.radii[chosen], self.inner[chosen]
-        return DotSet(centers, radii, inner, self.spread[chosen], self.rough[chosen], heights, self.ordered)
+        return DotSet(*(column[chosen] for column in self.columns), ordered=self.ordered)
 
 
 def expected_dots(marker: Marker) -> DotSet:
     """Dots of the marker's control points."""
-    features = [point.feature for point in marker.control_points]
-    return DotSet(
-        1e3 * marker.xyz[:, :2],
-        np.array([500 * feature.diameter for feature in features]),
-        np.array([500 * feature.inner_diameter for feature in features]),
-        np.zeros(len(marker)),
-        np.zeros(len(marker)),
-        1e3 * marker.xyz[:, 2],
-    )
+    inner = np.array([500 * point.feature.inner_diameter for point in marker.control_points])
+    exact = np.zeros(len(marker))
+    return DotSet(1e3 * marker.xyz[:, :2], 1e3 * marker.radii, inner, exact, exact, 1e3 * marker.xyz[:, 2])
 
 
 def dots_on_page(page: Page, expected: DotSet) -> DotSet:
@@ -108,10 +106,9 @@ def dots_on_page(page: Page, expected: DotSet) -> DotSet:
         alike = sizes[np.abs(sizes[:, 2] / center[2] - 1) < 0.01]
         parts = np.concatenate([alike, within])
         spread = float(np.linalg.norm(parts[:, :2] - center[:2], axis=-1).max(initial=0.0))
-        rows.append((*center[:3], float(within[:, 2].max(initial=0.0)), spread, parts[:, 3].max()))
-    table = np.array(rows, dtype=float).reshape(-1, 6)
-    radii, inner, spread, rough = table[:, 2:].T
-    return DotSet(table[:, :2], radii, inner, spread, rough, ordered=not page.measured)
+        rows.append((*center[:3], float(within[:, 2].max(initial=0.0)), spread, parts[:, 3].max(), np.nan))
+    table = np.array(rows, dtype=float).reshape(-1, 7)
+    return DotSet(table[:, :2], *table[:, 2:].T, ordered=not page.measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,11 +356,6 @@ def _stretch(expected: DotSet, dots: DotSet) -> tuple[Array, Array] | None:
     rotation, shape = np.linalg.qr(matrix)
     signs = np.sign(np.diag(shape))
     return rotation * signs, shape * signs[:, None]
-
-
-def mapped_pages(reading: Reading, matrix: Array) -> Reading:
-    """Reading with a linear map (2, 2) applied to all flat pages."""
-    return replace(reading, pages=tuple(moved_page(page, matrix) for page in reading.pages))
 
 
 def moved_page(page: Page, matrix: Array) -> Page:

@@ -8,15 +8,17 @@ several each is found by the rims of its dots, and its place compared with the b
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.maths.rotation import rigid_motion
+from markergen.maths.rotation import inverse_pose, pose_product, rigid_motion
 from markergen.model.body import Body, Plate
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
 from markergen.verification.matching import ALIKE, DotSet
-from markergen.verification.rays import CHORDS, difference
+from markergen.verification.rays import CHORDS, difference, normals_of
+from markergen.verification.reading import with_markers
 from markergen.verification.result import Check
 from markergen.verification.rims import Rims, dots_of
 from markergen.verification.solid_files import Solid
@@ -59,17 +61,8 @@ MOST_SIDES = 60
 # --- One plate -------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Placement:
-    """A way in which a solid as a whole may be wrong.
-
-    Attributes
-    ----------
-    solid : Solid
-        The solid without it.
-    times : float
-        Factor by which lengths were multiplied to undo it.
-    """
+class Placement(NamedTuple):
+    """A way in which a solid as a whole may be wrong, the solid without it, and the factor of lengths that undid it."""
 
     finding: Finding
     solid: Solid
@@ -83,10 +76,10 @@ def placements(solid: Solid, wanted: WantedSolid, kind: str) -> Iterator[Placeme
         if rotation[2, 2] < 1 - 1e-4:
             # The direction in the file of what is up in the view.
             yield Placement(_direction(rotation[2], kind), solid.mapped(rotation, np.zeros(3)))
-    sizes = [size_of(shell.corners) for shell in (solid.shell, wanted.shell)]
+    size = size_of(solid.shell.corners) / size_of(wanted.shell.corners)
     homes = ("m", "mm") if kind == "GLB" else ("mm",)
     for ratio, (mistake, remedy) in unit_mistakes(*homes, units=LENGTHS).items():
-        if 1 / ROUGHLY < sizes[0] / sizes[1] / ratio < ROUGHLY:
+        if 1 / ROUGHLY < size / ratio < ROUGHLY:
             sentence = f"scaled by {ratio:.6g} along x, y and z: {mistake}"
             rescaled = solid.mapped(np.eye(3) / ratio, np.zeros(3))
             yield Placement(Finding("scaled", sentence, remedy), rescaled, 1 / ratio)
@@ -111,7 +104,7 @@ def _direction(way: Array, kind: str) -> Finding:
 
 def _widest(corners: Array) -> list[Array]:
     """Unit normals of the largest area of parallel triangles, and the opposite one: the two faces of a plate."""
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = normals_of(corners)
     size = np.linalg.norm(areas, axis=1)
     areas, size = areas[size > 0], size[size > 0]
     if not len(size):
@@ -138,8 +131,7 @@ def rotation_up(direction: Array) -> Array:
 
 def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placement]:
     """The solid if its heights are scaled, or its layers shifted against each other: it is then sheared."""
-    heights = [shell.corners[:, :, 2] for shell in (solid.shell, wanted.shell)]
-    (low, high), (wanted_low, wanted_high) = ((float(z.min()), float(z.max())) for z in heights)
+    (low, high), (wanted_low, wanted_high) = solid.shell.heights, wanted.shell.heights
     by = (high - low) / (wanted_high - wanted_low)
     if by > 0 and abs(by - 1) * (wanted_high - wanted_low) > tol:
         finding = Finding("scaled", f"scaled by {by:.5g} along z", "export it again at its size")
@@ -192,84 +184,62 @@ class PlateInFile:
     @property
     def is_mirrored(self) -> bool:
         """True if the layout is that of the marker seen from behind."""
-        return any(finding.kind == "mirrored" for finding in self.verdict.findings)
+        return "mirrored" in self.verdict.kinds
 
 
-@dataclass(frozen=True, eq=False)
-class FileMotion:
-    """A rigid motion from the rig frame to that of a file, mm."""
-
-    rotation: Array
-    translation: Array
-
-    @classmethod
-    def by(cls, plate: Plate, placed: PlateInFile) -> "FileMotion":
-        """Motion that one plate shows."""
-        rotation = placed.rotation @ plate.rotation_matrix.T
-        return cls(rotation, placed.translation - rotation @ (1e3 * plate.translation_vector))
-
-    def of(self, plate: Plate) -> tuple[Array, Array]:
-        """Pose that a marker has in the file if its place in the rig is right."""
-        place = self.rotation @ (1e3 * plate.translation_vector) + self.translation
-        return self.rotation @ plate.rotation_matrix, place
+Motion = tuple[Array, Array]
+"""A rotation (3, 3) and a shift (3,) in mm from the frame of the rig to that of a file."""
 
 
 def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> Check:
     """Compare a solid with a body of several plates as designed."""
-    plates = [replace(plate, marker=plate.marker.as_designed) for plate in body.plates]
+    designed = with_markers(body, lambda marker: marker.as_designed)
+    # In mm, as the file is.
+    plates = [replace(plate, translation=tuple(1e3 * plate.translation_vector)) for plate in designed.plates]
     factor, findings = _unit(solid, wanted)
     solid = solid.mapped(factor * np.eye(3), np.zeros(3)) if factor != 1 else solid
-    compared = _compared(plates, solid, wanted, kind, tolerance)
-    if (stretch := _stretch(compared)) is not None:
-        half = 500 * np.ptp(_points_of(plates), axis=0)[[0, 1]]
+    check, verdicts = _compared(plates, solid, wanted, kind, tolerance)
+    stretch = _stretch(verdicts)
+    if stretch is not None:
+        half = 500 * np.ptp(designed.xyz, axis=0)[[0, 1]]
         findings = [scale_finding(stretch / factor, stretch / factor, np.maximum(half, 1.0), 1e3 * tolerance)]
-        compared = _compared(plates, solid.mapped(np.eye(3) / stretch, np.zeros(3)), wanted, kind, tolerance)
-    result = replace(compared.check, findings=(*findings, *compared.check.findings))
-    if findings:
-        scale = (stretch or 1.0) / factor
-        return replace(result, largest=np.nan, worst=None, scale=(scale, scale))
-    return result
+        check, _ = _compared(plates, solid.mapped(np.eye(3) / stretch, np.zeros(3)), wanted, kind, tolerance)
+    if not findings:
+        return check
+    scale = (stretch or 1.0) / factor
+    return replace(check, findings=(*findings, *check.findings), largest=np.nan, worst=None, scale=(scale, scale))
 
 
 def _unit(solid: Solid, wanted: WantedSolid) -> tuple[float, list[Finding]]:
     """Factor that undoes a wrong unit, 1 if there is none, and the finding about it."""
-    sizes = [size_of(shell.corners) for shell in (solid.shell, wanted.shell)]
-    ratio = sizes[0] / sizes[1]
+    size = size_of(wanted.shell.corners)
+    ratio = size_of(solid.shell.corners) / size
     if not 0 < ratio < np.inf or abs(np.log(ratio)) < np.log(ROUGHLY) / 2:
         return 1.0, []
     nearest = nearest_mistake(ratio, unit_mistakes("mm", units=LENGTHS))
     if abs(np.log(ratio / nearest)) > np.log(ROUGHLY) / 2:
         return 1.0, []
-    return 1 / nearest, [scale_finding(nearest, nearest, np.array([sizes[1], sizes[1]]), 1e-3)]
+    return 1 / nearest, [scale_finding(nearest, nearest, np.array([size, size]), 1e-3)]
 
 
-def _points_of(plates: Sequence[Plate]) -> Array:
-    """Control points (n, 3) of all plates in m, body frame."""
-    return np.concatenate([plate.to_body(plate.marker.xyz) for plate in plates])
-
-
-@dataclass(frozen=True)
-class _Compared:
-    check: Check
-    verdicts: tuple[Verdict, ...]
-
-
-def _stretch(compared: _Compared) -> float | None:
+def _stretch(verdicts: Sequence[Verdict]) -> float | None:
     """Factor by which a whole file is scaled, where all its markers are."""
-    scales = np.array([verdict.scale for verdict in compared.verdicts])
-    is_scaled = [any(finding.kind == "scaled" for finding in verdict.findings) for verdict in compared.verdicts]
+    scales = np.array([verdict.scale for verdict in verdicts])
+    is_scaled = ["scaled" in verdict.kinds for verdict in verdicts]
     if not is_scaled or not all(is_scaled) or not np.isfinite(scales).all() or np.ptp(scales) > 1e-3:
         return None
     return float(np.median(scales))
 
 
-def _compared(plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> _Compared:
+def _compared(
+    plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: str, tolerance: float
+) -> tuple[Check, list[Verdict]]:
     candidates_of_plates = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
     motion = _motion(plates, candidates_of_plates, tolerance)
     if motion is None:
-        return _Compared(Check("", kind, findings=(NO_PLATE,)), ())
+        return Check("", kind, findings=(NO_PLATE,)), []
     chosen = [
-        min(candidates, key=lambda placed: _misfit(placed, *motion.of(plate), tolerance), default=None)
+        min(candidates, key=lambda placed: _misfit(placed, plate, motion, tolerance), default=None)
         for plate, candidates in zip(plates, candidates_of_plates, strict=True)
     ]
     findings, largest, worst = list[Finding](), 0.0, None
@@ -286,48 +256,52 @@ def _compared(plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: 
             )
             continue
         errors = [finding for finding in placed.verdict.findings if not (mirrored and finding.kind == "mirrored")]
-        errors += _heights(placed, 1e3 * tolerance)
+        # Dots above or below the plane of the others.
+        rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
+        for n in np.flatnonzero(np.abs(rise) > 1e3 * tolerance)[:MOST_LISTED]:
+            way = "high" if rise[n] > 0 else "low"
+            sentence = f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {way}"
+            errors.append(Finding("height", sentence))
         findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in errors]
         if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
             findings += _moved(plates, k, chosen, motion, tolerance)
-        rotation, translation = motion.of(plate)
+        rotation, translation = plate.camera_pose(*motion)
         off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
             largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
     if not findings:
-        aligned = solid.mapped(motion.rotation.T, -motion.rotation.T @ motion.translation)
+        aligned = solid.mapped(*inverse_pose(motion))
         compared = difference(aligned.shell, wanted.shell, 1e3 * tolerance + CHORDS)
         findings += somewhere("extra", "something that belongs to no plate", compared.extra, REMOVE)
         findings += somewhere("missing", "something missing", compared.missing, AGAIN) * (not findings)
         findings += somewhere("twice", "something that is there twice", compared.twice, REMOVE) * (not findings)
         findings += somewhere("color", "the other color than it should be", compared.repainted, AGAIN)
-    verdicts = tuple(placed.verdict for placed in chosen if placed)
+    verdicts = [placed.verdict for placed in chosen if placed]
     scales = np.array([verdict.scale for verdict in verdicts])
     check = Check(
         "", kind, sum(len(verdict.used) for verdict in verdicts), 1, largest / 1e3, worst,
         (float(scales[:, 0].mean()), float(scales[:, 1].mean())), (None,), tolerance,
         tuple(list(dict.fromkeys(findings))[: 3 * MOST_LISTED]), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
-    return _Compared(check, verdicts)
+    return check, verdicts
 
 
 def _placements(
     plate: Plate, rims: Rims, wanted: WantedSolid, plates: Sequence[Plate], tolerance: float
 ) -> list[PlateInFile]:
     """Find all places of a marker's layout among the rims of a file."""
-    back = plate.rotation_matrix.T
-    expected, ids, sizes = wanted_dots(plate.marker, wanted.rims.mapped(back, -back @ (1e3 * plate.translation_vector)))
+    to_plate = inverse_pose((plate.rotation_matrix, plate.translation_vector))
+    expected, ids, sizes = wanted_dots(plate.marker, wanted.rims.mapped(*to_plate))
     if not ids:
         return []
-    assert expected.heights is not None
     ways = np.array([neighbor.rotation_matrix[:, 2] for neighbor in plates])
     placements = []
     for way in _directions(rims, sizes, ways):
         rotation = rotation_up(way)
         seen = _open(dots_of(view := rims.mapped(rotation, np.zeros(3)), sizes), view)
         for dots in _layers(seen) if np.ptp(expected.heights) < LAYER else [seen]:
-            level = replace(expected, heights=None), ids, replace(dots, heights=None)
-            verdicts = judge_copies(*level, tolerance)
+            # Heights are compared in the file.
+            verdicts = judge_copies(replace(expected, heights=np.full(len(expected), np.nan)), ids, dots, tolerance)
             placements += [
                 _in_file(expected, ids, rotation, dots, verdict) for verdict in verdicts if len(verdict.used)
             ]
@@ -356,7 +330,7 @@ def _open(dots: DotSet, rims: Rims) -> DotSet:
 
     Where that leaves none, they are all there is: half-balls that stand on a plate.
     """
-    if not len(dots) or dots.heights is None:
+    if not len(dots):
         return dots
     away = np.linalg.norm(np.column_stack([dots.centers, dots.heights])[:, None] - rims.centers, axis=2)
     here = (away < LAYER) & (np.abs(np.log(rims.radii / dots.radii[:, None])) < np.log(ALIKE))
@@ -366,7 +340,7 @@ def _open(dots: DotSet, rims: Rims) -> DotSet:
 
 def _layers(dots: DotSet) -> list[DotSet]:
     """Dots of each height."""
-    if not len(dots) or dots.heights is None:
+    if not len(dots):
         return []
     order = np.argsort(dots.heights, kind="stable")
     cuts = np.flatnonzero(np.diff(dots.heights[order]) > LAYER) + 1
@@ -376,47 +350,31 @@ def _layers(dots: DotSet) -> list[DotSet]:
 def _in_file(wanted: DotSet, ids: list[int], view: Array, dots: DotSet, verdict: Verdict) -> PlateInFile:
     """Place a layout that was found in a view (3, 3) in the frame of the file."""
     assert verdict.motion is not None
-    assert dots.heights is not None
-    assert wanted.heights is not None
     indices = [ids.index(name) for name in verdict.names]
     have, want = dots.heights[verdict.used], wanted.heights[indices]
     level = float(np.median(have - want))
-    rotation, translation = verdict.motion
+    rotation, shift, _ = verdict.motion
     rotation_in_view = np.eye(3)
     rotation_in_view[:2, :2] = rotation
     rotation_in_view[2, 2] = np.linalg.det(rotation)
     points = np.column_stack([dots.centers[verdict.used], have]) @ view
     return PlateInFile(
-        verdict, view.T @ rotation_in_view, view.T @ np.array([*translation, level]), points,
+        verdict, view.T @ rotation_in_view, view.T @ np.array([*shift, level]), points,
         np.column_stack([wanted.centers[indices], want]),
     )  # fmt: skip
 
 
-def _heights(placed: PlateInFile, tol: float) -> list[Finding]:
-    """Dots above or below the plane of the others."""
-    rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
-    return [
-        Finding(
-            "height",
-            f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {'high' if rise[n] > 0 else 'low'}",
-        )
-        for n in np.flatnonzero(np.abs(rise) > tol)[:MOST_LISTED]
-    ]
-
-
-def _motion(
-    plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float
-) -> FileMotion | None:
+def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float) -> Motion | None:
     """Motion from the rig to the file that most markers agree with, by least squares of their dots; None for none."""
     best: tuple[float, list[tuple[int, PlateInFile]]] | None = None
     for k, candidates in enumerate(placements):
         for placed in candidates:
-            guess = FileMotion.by(plates[k], placed)
+            rotation = placed.rotation @ plates[k].rotation_matrix.T
+            guess = rotation, placed.translation - rotation @ plates[k].translation_vector
             agreed, off = [], 0.0
-            for j, others in enumerate(placements):
-                place = guess.of(plates[j])
-                nearest = min(others, key=lambda candidate: _misfit(candidate, *place, tolerance), default=None)
-                distance = np.inf if nearest is None else _apart(nearest, *place)
+            for j, (plate, others) in enumerate(zip(plates, placements, strict=True)):
+                nearest = min(others, key=lambda candidate: _misfit(candidate, plate, guess, tolerance), default=None)
+                distance = np.inf if nearest is None else _apart(nearest, plate, guess)
                 # A marker's own turn is known less well than its place.
                 if nearest is not None and distance < NEARLY * 1e3 * tolerance:
                     agreed.append((j, nearest))
@@ -427,29 +385,28 @@ def _motion(
     if best is None:
         return None
     agreed = best[1]
-    source = np.concatenate([1e3 * plates[j].to_body(placed.wanted / 1e3) for j, placed in agreed])
-    return FileMotion(*rigid_motion(source, np.concatenate([placed.points for _, placed in agreed])))
+    source = np.concatenate([plates[j].to_body(placed.wanted) for j, placed in agreed])
+    return rigid_motion(source, np.concatenate([placed.points for _, placed in agreed]))
 
 
-def _apart(placed: PlateInFile, rotation: Array, translation: Array) -> float:
-    """Largest distance in mm of a found marker's dots from where a pose puts them."""
-    return float(
-        np.linalg.norm(placed.wanted @ (placed.rotation - rotation).T + placed.translation - translation, axis=-1).max()
-    )
+def _apart(placed: PlateInFile, plate: Plate, motion: Motion) -> float:
+    """Largest distance in mm of a layout's dots from where a motion puts those of a plate."""
+    rotation, translation = plate.camera_pose(*motion)
+    off = placed.wanted @ (placed.rotation - rotation).T + placed.translation - translation
+    return float(np.linalg.norm(off, axis=-1).max())
 
 
-def _misfit(placed: PlateInFile, rotation: Array, translation: Array, tolerance: float) -> tuple[bool, bool, float]:
-    """Order of places by how well they fit a pose; what is seen from behind, if it fits no better, comes last."""
-    distance = _apart(placed, rotation, translation)
+def _misfit(placed: PlateInFile, plate: Plate, motion: Motion, tolerance: float) -> tuple[bool, bool, float]:
+    """Order of places by how well they fit a plate; what is seen from behind, if it fits no better, comes last."""
+    distance = _apart(placed, plate, motion)
     return distance >= NEARLY * 1e3 * tolerance, placed.is_mirrored, distance
 
 
-def _frame(motion: FileMotion, plates: Sequence[Plate], tolerance: float) -> str:
+def _frame(motion: Motion, plates: Sequence[Plate], tolerance: float) -> str:
     """Say how the rig lies in the file; empty if it is where its file says."""
-    off = 1e3 * _points_of(plates) @ (motion.rotation - np.eye(3)).T + motion.translation
-    if np.linalg.norm(off, axis=-1).max() <= 1e3 * tolerance:
-        return ""
-    return _motion_words(motion.rotation, motion.translation, 1e3 * tolerance)
+    points = np.concatenate([plate.to_body(1e3 * plate.marker.xyz) for plate in plates])
+    off = points @ (motion[0] - np.eye(3)).T + motion[1]
+    return "" if np.linalg.norm(off, axis=-1).max() <= 1e3 * tolerance else _motion_words(*motion, 1e3 * tolerance)
 
 
 def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
@@ -476,23 +433,21 @@ def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
 
 
 def _moved(
-    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: FileMotion, tolerance: float
+    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: Motion, tolerance: float
 ) -> list[Finding]:
     """Say that a marker is in another place, or in that of another one."""
     plate, placed = plates[k], chosen[k]
     assert placed is not None
-    if _apart(placed, *motion.of(plate)) <= 1e3 * tolerance:
+    if _apart(placed, plate, motion) <= 1e3 * tolerance:
         return []
     for j, neighbor in enumerate(plates):
-        if j != k and _apart(placed, *motion.of(neighbor)) < NEARLY * 1e3 * tolerance:
+        if j != k and _apart(placed, neighbor, motion) < NEARLY * 1e3 * tolerance:
             back = chosen[j]
-            if back is not None and _apart(back, *motion.of(plate)) < NEARLY * 1e3 * tolerance:
+            if back is not None and _apart(back, plate, motion) < NEARLY * 1e3 * tolerance:
                 first, second = sorted((k, j))
                 names = f"{plates[first].name} and {plates[second].name}"
                 return [Finding("relation", f"{names} are swapped", "put each in its own place")]
             return [Finding("relation", f"{plate.name} is in the place of {neighbor.name}", "put it in its own place")]
-    rotation, translation = motion.of(plate)
-    displacement = _motion_words(
-        rotation.T @ placed.rotation, rotation.T @ (placed.translation - translation), 1e3 * tolerance
-    )
+    to_plate = inverse_pose(plate.camera_pose(*motion))
+    displacement = _motion_words(*pose_product(to_plate, (placed.rotation, placed.translation)), 1e3 * tolerance)
     return [Finding("relation", f"{plate.name} is {displacement}, in its own frame", "put it in its place")]

@@ -19,6 +19,7 @@ from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
+from markergen.verification.findings import Motion
 from markergen.verification.lines import sheet_lines
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import Page
@@ -55,8 +56,6 @@ OURS, SWITCHED_OFF, PLACES = 0.8, 0.02, 3000
 switched off, and number of places looked at. Text moved by 5 mm shows 0.27 of it, with marks 0.97; a colored sheet,
 which is laid out otherwise, 0.08, with marks up to 0.6."""
 
-Motion = tuple[Array, Array]
-
 
 @lru_cache(maxsize=2)
 def _own(
@@ -81,23 +80,15 @@ def _own(
 def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motion, has_others: bool) -> list[Finding]:
     """Findings about what is measured and read on a page with one marker.
 
-    Parameters
-    ----------
-    compensate : bool
-        True if it is drawn for the printer that it was measured on.
-    page : Page
-        Page with a picture.
-    motion : (rotation (2, 2), shift (2,))
-        From the marker frame to the page, mm.
-    has_others : bool
-        True if there are other dots, which are reported by themselves and have numbers.
+    With `compensate` it is drawn for the printer that it was measured on. If it `has_others`, dots which are reported
+    by themselves, these have numbers.
     """
     sheet_of_ours = _own(marker, page.size, compensate, page.labels) if page.size is not None else None
     if sheet_of_ours is None or page.picture is None:
         return []
     (sheet, expected), picture = sheet_of_ours, page.picture
     origin = np.array(sheet.origins_mm[0])
-    wanted = _Page(expected, lambda points: (points - origin) @ motion[0].T + motion[1], picture)
+    wanted = _Page(expected, lambda points: motion.to_page(points - origin), picture)
     shares = {layer: wanted.share(_around(sheet, expected, (layer,))) for layer in AROUND}
     if max(shares.values()) < OURS:
         return []

@@ -7,6 +7,7 @@ far away, are looked for one by one on the surface of the other solid.
 
 # tests: tests/verification/test_rays.py
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -56,6 +57,11 @@ class Shell:
     owner: Indices
     dark: Mask | None = None
 
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Lowest and highest z."""
+        return float(self.corners[:, :, 2].min()), float(self.corners[:, :, 2].max())
+
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
@@ -78,26 +84,26 @@ class Difference:
         Points of the surface that only the first or only the second has.
     missing_owner : array (l,) of int
         Parts to which the missing ones belong.
-    seen : array (parts,) of int
-        Number of points of each part of the second.
     repainted : array (k, 3)
         Points of the surface of both that are dark in one and light in the other.
     was_dark : array (k,) of bool
         Whether these should be dark.
-    votes : array (parts, parts) of int
-        Number of crossings that a part of the second has in common with one of the first.
     twice : array (k, 3)
         Points of the first that it has more often than the second.
+    seen : array (parts,) of int
+        Number of points of each part of the second.
+    votes : array (parts, parts) of int
+        Number of crossings that a part of the second has in common with one of the first.
     """
 
     extra: Array
     missing: Array
     missing_owner: Indices
-    seen: Indices
     repainted: Array
     was_dark: Mask
-    votes: NDArray[np.int64]
     twice: Array
+    seen: Indices
+    votes: NDArray[np.int64]
 
 
 def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
@@ -106,8 +112,7 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
     low, size = box.min(axis=0), np.ptp(box, axis=0)
     pitch = np.clip(size / LAYERS, FINEST / 3, max(FINEST, float(size.max()) / RAYS))
     parts = int(wanted.owner.max(initial=-1)) + 1, int(solid.owner.max(initial=-1)) + 1
-    names = ("extra", "missing", "owner", "twice", "repainted", "was")
-    collected: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+    collected = defaultdict[str, list[NDArray[Any]]](list)
     seen, votes = np.zeros(parts[0], int), np.zeros(parts, int)
     claimed = [np.zeros(len(shell.corners), bool) for shell in (solid, wanted)]
     for axis in range(3):
@@ -118,31 +123,26 @@ def difference(solid: Shell, wanted: Shell, tolerance: float) -> Difference:
         np.add.at(votes, pairs, 1)
         other = pale[theirs.key // 2] & _repainted(solid, wanted, mine, theirs, tolerance)
         collected["repainted"].append(theirs.points[other])
-        collected["was"].append(wanted.dark[theirs.triangle[other]] if wanted.dark is not None else other[other])
+        collected["was_dark"].append(wanted.dark[theirs.triangle[other]] if wanted.dark is not None else other[other])
         is_claimed = _partners(mine, theirs, tolerance)[1]
         claimed[0][mine.triangle[is_claimed]] = claimed[1][theirs.triangle[is_met]] = True
         extra = ~is_claimed & bad[mine.key // 2]
         missing = ~is_met & bad[theirs.key // 2]
         collected["extra"].append(mine.points[extra])
         collected["missing"].append(theirs.points[missing])
-        collected["owner"].append(wanted.owner[theirs.triangle[missing]])
+        collected["missing_owner"].append(wanted.owner[theirs.triangle[missing]])
         rest = bad[mine.key // 2] & ~np.isin(mine.key, np.concatenate([mine.key[extra], theirs.key[missing]]))
-        collected["twice"].append(mine.points[rest & _is_repeated(mine, theirs)])
-    for (triangles, surface, by_ray), name in zip(
-        ((solid.corners, wanted.corners, claimed[0]), (wanted.corners, solid.corners, claimed[1])),
-        ("extra", "missing"), strict=True,
-    ):  # fmt: skip
+        rays = max(mine.key.max(initial=0), theirs.key.max(initial=0)) + 1
+        counts = [np.bincount(crossings.key, minlength=rays) for crossings in (mine, theirs)]
+        collected["twice"].append(mine.points[rest & (counts[0] > counts[1])[mine.key]])
+    for name, shell, surface, by_ray in (("extra", solid, wanted, claimed[0]), ("missing", wanted, solid, claimed[1])):
         unmet = np.flatnonzero(~by_ray)
-        strays = unmet[~_on_surface(triangles[unmet], surface, tolerance)]
-        collected[name].append(triangles[strays].mean(axis=1))
-        if name == "missing":
-            collected["owner"].append(wanted.owner[strays])
-            seen += np.bincount(wanted.owner[unmet], minlength=parts[0])
-    whole = {name: np.concatenate(arrays) for name, arrays in collected.items()}
-    return Difference(
-        whole["extra"], whole["missing"], whole["owner"].astype(int), seen,
-        whole["repainted"], whole["was"], votes, whole["twice"],
-    )  # fmt: skip
+        strays = unmet[~_on_surface(shell.corners[unmet], surface.corners, tolerance)]
+        collected[name].append(shell.corners[strays].mean(axis=1))
+    # Of the wanted ones, which come last.
+    collected["missing_owner"].append(wanted.owner[strays])
+    seen += np.bincount(wanted.owner[unmet], minlength=parts[0])
+    return Difference(seen=seen, votes=votes, **{name: np.concatenate(rows) for name, rows in collected.items()})
 
 
 def _along(
@@ -186,12 +186,6 @@ def _differing(mine: Crossings, theirs: Crossings, tolerance: float, rays: int) 
     return np.asarray(differs.reshape(-1, 2).any(axis=1))
 
 
-def _is_repeated(mine: Crossings, theirs: Crossings) -> Mask:
-    size = max(mine.key.max(initial=0), theirs.key.max(initial=0)) + 1
-    counts = [np.bincount(one.key, minlength=size) for one in (mine, theirs)]
-    return np.asarray((counts[0] > counts[1])[mine.key])
-
-
 def _partners(one: Crossings, other: Crossings, tolerance: float) -> tuple[Indices, Mask]:
     """Index of the nearest crossing of the other on the same ray and side, and whether it is the same surface."""
     if not len(other.key):
@@ -232,8 +226,7 @@ def _crossings(
     s, t = (c[:, 0] * b[:, 1] - c[:, 1] * b[:, 0]) / area, (a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]) / area
     depth = corners[triangle, :, axis]
     along = depth[:, 0] + s * (depth[:, 1] - depth[:, 0]) + t * (depth[:, 2] - depth[:, 0])
-    sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(*sides)
+    normal = normals_of(corners)
     slope = np.abs(normal[:, axis]) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     points = np.empty((len(triangle), 3))
     points[:, axis], points[:, u], points[:, v] = along, origin[u] + pitch[u] * column, origin[v] + pitch[v] * row
@@ -293,8 +286,8 @@ def _counted(number: Indices) -> tuple[Indices, Indices]:
 
 def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     """Tell which triangles (m, 3, 3) have their middle on others (n, 3, 3) that face the same side."""
-    middles, normals = triangles.mean(axis=1), _normals(triangles)
-    lies, facing = np.zeros(len(triangles), bool), _normals(surface)
+    middles, normals = triangles.mean(axis=1), normals_of(triangles)
+    lies, facing = np.zeros(len(triangles), bool), normals_of(surface)
     # A needle of a triangle has no side.
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     is_thin = np.linalg.norm(normals, axis=1) < tolerance * longest
@@ -308,7 +301,8 @@ def _on_surface(triangles: Array, surface: Array, tolerance: float) -> Mask:
     return lies
 
 
-def _normals(triangles: Array) -> Array:
+def normals_of(triangles: Array) -> Array:
+    """Normals (m, 3) of triangles (m, 3, 3), out of the side that shows them counterclockwise: twice their areas."""
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
@@ -318,7 +312,7 @@ def _distances(points: Array, triangles: Array) -> Array:
     lengths = np.maximum(np.einsum("mki,mki->mk", sides, sides), 1e-300)
     share = np.clip(np.einsum("mki,mki->mk", offsets, sides) / lengths, 0.0, 1.0)
     to_sides = np.linalg.norm(offsets - share[..., None] * sides, axis=2).min(axis=1)
-    normals = _normals(triangles)
+    normals = normals_of(triangles)
     inward = np.cross(normals[:, None], sides)
     is_over = (np.einsum("mki,mki->mk", inward, offsets) >= 0).all(axis=1)
     sizes = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)

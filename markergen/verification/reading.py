@@ -3,7 +3,7 @@
 # tests: tests/verification/test_check.py
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from markergen.drawing.scene import Shape
 from markergen.errors import InputError
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.result import Check
@@ -43,10 +44,6 @@ Circle = tuple[float, float, float, float]
 
 FLATTEST = 0.8
 """Minimum ratio of the semi-axes of an ellipse that counts as a stretched circle."""
-
-
-def _empty(*shape: int) -> Array:
-    return np.zeros((0, *shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +83,7 @@ class Page:
 
     circles: Array
     size: tuple[float, float] | None = None
-    corners: Array = field(default_factory=lambda: _empty(2))
+    corners: Array = field(default_factory=lambda: np.zeros((0, 2)))
     of_any_size: Callable[[], Array] | None = None
     upright: Callable[[], bool | None] | None = None
     picture: PagePicture | None = None
@@ -182,6 +179,12 @@ def known_suffix(path: Path) -> str:
 def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
     return READERS[known_suffix(path)]
+
+
+def with_markers(body: Body, change: Callable[[Marker], Marker]) -> Body:
+    """The body with each of its markers changed."""
+    plates = [replace(plate, marker=change(plate.marker)) for plate in body.plates]
+    return body.with_plates(plates, body.relation_covariance)
 
 
 def circle_diameters(body: Body) -> list[float]:

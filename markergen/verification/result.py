@@ -2,7 +2,7 @@
 
 # tests: tests/verification/test_check.py tests/api/test_verify.py
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
@@ -11,7 +11,7 @@ import numpy as np
 from markergen.files import Written
 from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table, data_frame
-from markergen.verification.words import Finding
+from markergen.verification.words import Finding, short_length
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -24,7 +24,7 @@ _CAPTION = (
 
 _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
 
-STRANGE = ("another marker", "no dots", "part")
+STRANGE = {"another marker", "no dots", "part"}
 """Kinds of findings about a file that does not have the marker's dots, or no plate."""
 
 _SHOWN = 8
@@ -80,6 +80,11 @@ class Check:
         """True if the file could be used and has no findings."""
         return not self.error and not self.findings
 
+    @property
+    def kinds(self) -> set[str]:
+        """Kinds of the findings."""
+        return {finding.kind for finding in self.findings}
+
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values; missing values are null."""
         return {
@@ -105,7 +110,7 @@ class Check:
 
 def is_strange(check: Check) -> bool:
     """Tell whether a file does not have the marker's dots, or no plate."""
-    return any(finding.kind in STRANGE for finding in check.findings)
+    return bool(check.kinds & STRANGE)
 
 
 def _number(value: float) -> float | None:
@@ -192,7 +197,8 @@ class Verification(SavableResult, Sequence[Check]):
     def findings(self) -> list[str | Table]:
         """Return a table and sentences about the usable files."""
         checks = [check for check in self._checks if not check.error]
-        return [_table(checks), *(line for check in checks for line in _lines(check))] if checks else []
+        sentences = [f"{check.path}: {line}" for check in checks for line in (*map(str, check.findings), *check.notes)]
+        return [Table("", _HEADER, [_row(check) for check in checks], _CAPTION), *sentences] if checks else []
 
     def __repr__(self) -> str:
         verdicts = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
@@ -204,16 +210,6 @@ def _verdict(check: Check) -> str:
     return "unusable" if check.error else "ok" if check.passed else "WRONG"
 
 
-def _table(checks: Iterable[Check]) -> Table:
-    """Table of checks, one row each."""
-    return Table("", _HEADER, [_row(check) for check in checks], _CAPTION)
-
-
-def _lines(check: Check) -> list[str]:
-    """Findings and notes of a file, one sentence per line."""
-    return [f"{check.path}: {sentence}" for sentence in (*map(str, check.findings), *check.notes)]
-
-
 def _row(check: Check) -> list[str]:
     papers = {(round(page[0], 2), round(page[1], 2)) for page in check.pages if page}
     paper = " ".join(f"{width:g} x {height:g} mm" for width, height in sorted(papers))
@@ -221,12 +217,8 @@ def _row(check: Check) -> list[str]:
     return [
         check.path,
         str(check.dots),
-        f"{_length(check.largest)} (dot {check.worst})" if check.worst is not None else "-",
+        f"{short_length(1e3 * check.largest)} (dot {check.worst})" if check.worst is not None else "-",
         *(f"{100 * scale:.4f} %" if np.isfinite(scale) else "-" for scale in check.scale),
         pages or "-",
         "ok" if check.passed else "WRONG",
     ]
-
-
-def _length(meters: float) -> str:
-    return f"{1e6 * meters:.3g} um" if meters < 1e-5 else f"{1e3 * meters:.4g} mm"

@@ -190,7 +190,7 @@ def dots_of(rims: Rims, sizes: Array) -> DotSet:
         inside &= (level_rims.shell == level_rims.shell[best]) if of_disk.any() else inside
         rough = level_rims.rough[around & (level_rims.radii < ALIKE * level_rims.radii[best])].max()
         hole = level_rims.radii[inside].max(initial=0.0)
-        rows.append((*level_rims.centers[best], level_rims.radii[best], hole, 0.0, rough))
+        x, y, height = level_rims.centers[best]
+        rows.append((x, y, level_rims.radii[best], hole, 0.0, rough, height))
     table = np.array(rows, dtype=float).reshape(-1, 7)
-    radii, inner, spread, rough = table[:, 3:].T
-    return DotSet(table[:, :2], radii, inner, spread, rough, table[:, 2], ordered=False)
+    return DotSet(table[:, :2], *table[:, 2:].T, ordered=False)

@@ -6,7 +6,7 @@ Open CASCADE crashes on some broken files and never finishes on others.
 # tests: tests/verification/test_solid_readers.py
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -48,7 +48,7 @@ class Solid:
 
     objects: tuple[MeshObject, ...]
     flaws: tuple[str, ...] = ()
-    volumes: tuple[float, ...] = field(default=())
+    volumes: tuple[float, ...] = ()
 
     @cached_property
     def shell(self) -> Shell:
@@ -85,18 +85,14 @@ class Solid:
         """Map by a matrix (3, 3), inside out again if it mirrors, and a translation in mm."""
         flip = slice(None, None, -1 if np.linalg.det(matrix) < 0 else 1)
         objects = (mesh._replace(corners=(mesh.corners @ matrix.T + translation)[:, flip]) for mesh in self.objects)
-        return Solid(tuple(objects), self.flaws)
+        return Solid(tuple(objects))
 
 
 def read_solid(kind: str, data: bytes, name: str) -> Solid:
     """Read the triangles of an STL, the objects in the build of a 3MF, the meshes in the scene of a GLB, or CAD parts.
 
-    Raises
-    ------
-    InputError
-        If it is not a complete one, or has too many triangles or corners that are not finite or lie beyond 10 km.
-    MissingLibraryError
-        If it is a CAD file, and the CAD kernel or a system library that it needs is missing.
+    Raises InputError if it is not a complete one, or has too many triangles or corners that are not finite or lie
+    beyond 10 km; MissingLibraryError if it is a CAD file, and the CAD kernel or one of its libraries is missing.
     """
     if kind in ("STEP", "BREP"):
         reply = _cad(kind, data, name)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,21 +17,27 @@ from markergen.errors import InputError, OutputError
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.openings import openings
-from markergen.model.rig import Rig
 from markergen.model.substrate import EDGE, MEASURES, Substrate
-from markergen.verification.findings import AGAIN, UNTAGGED, Verdict, extras, judge
-from markergen.verification.lines import line_findings, pieces_of, plate_lines, seek_among
+from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, Motion, Verdict, extras, judge, round_holes
+from markergen.verification.lines import hole_name, line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.matching import ALIKE
 from markergen.verification.placement import Placement, check_sides, placements, stretched
-from markergen.verification.rays import CHORDS, Difference, difference
-from markergen.verification.reading import PRINTABLE, READERS, Settings
+from markergen.verification.rays import CHORDS, Difference, difference, normals_of
+from markergen.verification.reading import PRINTABLE, READERS, Settings, with_markers
 from markergen.verification.result import Check, is_strange
 from markergen.verification.rims import FLUSH, dots_of
 from markergen.verification.solid_files import Solid, open_edges, read_solid
 from markergen.verification.tags import NEAR as NEAR_CELL
 from markergen.verification.tags import corners_off, not_there
-from markergen.verification.wanted_solids import WantedSolid, area_of, best_wanted, size_of, volume_of, wanted_dots
+from markergen.verification.wanted_solids import (
+    ALONE,
+    WantedSolid,
+    area_of,
+    best_wanted,
+    size_of,
+    volume_of,
+    wanted_dots,
+)
 from markergen.verification.words import MOST_LISTED, REMOVE, Finding, short_length, somewhere
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
@@ -59,6 +65,8 @@ TYPICAL = 100.0
 
 WHOLE = "export it again with all of its parts"
 
+PLATE_OPTIONS = "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
+
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
 
@@ -70,11 +78,11 @@ DOT = re.compile(r"dot-(\d+)(-core)?$")
 
 def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Check:
     """Read a solid and compare it."""
-    solid = read_solid(kind, data, name)
-    tolerance = PRINTABLE if settings.tolerance is None else settings.tolerance
-    solid = _once(solid)
+    solid = _once(read_solid(kind, data, name))
+    flaws = [*solid.flaws]
     if volume_of(solid.shell.corners) < 0:
-        solid = replace(solid, flaws=(*solid.flaws, "it is inside out"))
+        flaws.append("it is inside out")
+    tolerance = PRINTABLE if settings.tolerance is None else settings.tolerance
     recorded, lengths = _recorded(data)
     asked = settings.fabrication if recorded is None else recorded
     usual, body = body, _on_plate(body, lengths)
@@ -91,14 +99,14 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         with suppress(InputError, OutputError):
             choices = [best(_on_plate(body, {"thickness": other}))[0], *choices]
     if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
-        solid = replace(solid, flaws=(*solid.flaws, "the mesh has open edges: it encloses no volume"))
+        flaws.append("the mesh has open edges: it encloses no volume")
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
     for wanted in choices:
         check = check_sides(body, solid, wanted, kind, tolerance) if several else _compared(solid, wanted, tolerance)
         if not several and _is_elsewhere(check):
             check = _placed(check, placements(solid, wanted, kind), wanted, tolerance)
         checks.append((check, wanted))
-        if {finding.kind for finding in check.findings} <= ALWAYS:
+        if check.kinds <= ALWAYS:
             break
 
     def rank(pair: tuple[Check, WantedSolid]) -> tuple[bool, bool, int, bool]:
@@ -107,8 +115,9 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         return bool(pair[0].findings), strange, len(pair[0].findings), pair[1].fabrication != preferred
 
     check, wanted = min(checks, key=rank)
-    kinds = {finding.kind for finding in check.findings}
-    if not (several or kinds & WHOLLY or is_strange(check)) and (len(check.findings) > 1 or kinds & STRETCHED):
+    if not (several or check.kinds & WHOLLY or is_strange(check)) and (
+        len(check.findings) > 1 or check.kinds & STRETCHED
+    ):
         check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
     recorded_plate, usual_plate = (design.plates[0].marker.substrate for design in (body, usual))
     notes = [*check.notes, *_other_lengths(recorded_plate, usual_plate)]
@@ -116,18 +125,12 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         [sentence] = _other_lengths(wanted.body.plates[0].marker.substrate, recorded_plate)
         remedy = "export it again, or give the --thickness that export was given"
         check = replace(check, findings=(Finding("thickness", sentence, remedy), *check.findings))
-    if {finding.kind for finding in check.findings} & {"hole", "outline", "extra"}:
-        notes.append(
-            "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
-        )
+    if check.kinds & {"hole", "outline", "extra"}:
+        notes.append(PLATE_OPTIONS)
     # The kernel's checks depend on the unit.
-    flaws = (
-        []
-        if {finding.kind for finding in check.findings} & {"scaled", "mirrored"}
-        else [Finding("solid", flaw) for flaw in solid.flaws[:MOST_LISTED]]
-    )
+    broken = () if check.kinds & {"scaled", "mirrored"} else (Finding("solid", flaw) for flaw in flaws[:MOST_LISTED])
     return replace(
-        check, kind=kind, findings=(*flaws, *check.findings), notes=tuple(notes), tolerance=tolerance, pages=(None,)
+        check, kind=kind, findings=(*broken, *check.findings), notes=tuple(notes), tolerance=tolerance, pages=(None,)
     )
 
 
@@ -142,8 +145,7 @@ def _once(solid: Solid) -> Solid:
     size = size_of(solid.shell.corners)
     for mesh in solid.objects:
         corners = mesh.corners * (TYPICAL / size)
-        sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        rows = np.round(np.column_stack([corners.sum(axis=1), np.cross(*sides)]), 5)
+        rows = np.round(np.column_stack([corners.sum(axis=1), normals_of(corners)]), 5)
         # One number instead of six: sorting takes a fifth of the time.
         _, first = np.unique(rows @ np.sqrt([2.0, 3, 5, 7, 11, 13]), return_index=True)
         kept = np.sort(first)
@@ -169,7 +171,7 @@ def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, Any]]:
 
 def _is_elsewhere(check: Check) -> bool:
     """Tell whether a solid may be in another unit, or turned or mirrored."""
-    return is_strange(check) or any(finding.kind == "mirrored" for finding in check.findings)
+    return is_strange(check) or "mirrored" in check.kinds
 
 
 def _placed(plain: Check, ways: Iterable[Placement], wanted: WantedSolid, tolerance: float) -> Check:
@@ -199,11 +201,11 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
     if len(ids) > 2:
         verdict = judge(expected, ids, dots, tolerance)
     else:
-        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), (np.eye(2), np.zeros(2)), np.zeros(0, np.intp))
+        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), Motion(np.eye(2), np.zeros(2)), NOTHING)
     worst = None if verdict.worst is None else ids[verdict.worst]
     base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, worst, verdict.scale,
                  findings=verdict.findings)  # fmt: skip
-    if verdict.motion is None or any(finding.kind in UNTAGGED for finding in verdict.findings):
+    if verdict.motion is None or base.kinds & UNTAGGED:
         return base
     aligned = _aligned(solid, verdict, expected.heights, dots.heights, ids)
     compared = difference(aligned.shell, wanted.shell, tol + CHORDS)
@@ -215,20 +217,17 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
         room = float(np.median(expected.radii - [sizes_by_id[name] for name in ids]))
         notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
     findings = [*verdict.findings]
-    contours = [opening.contour for opening in openings(marker)]
-    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
-    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
-    if compared.extra.size:
-        findings += extras(dots, verdict.used, verdict.motion, holes) if len(ids) > 2 else []
+    if compared.extra.size and len(ids) > 2:
+        findings += extras(dots, verdict.used, verdict.motion, round_holes(marker))
     findings += _Explained(marker, aligned, wanted, compared, findings, tol).findings()
     return replace(base, findings=tuple(findings), notes=tuple(dict.fromkeys(notes)))
 
 
-def _aligned(solid: Solid, verdict: Verdict, wanted: Array | None, seen: Array | None, ids: Sequence[int]) -> Solid:
+def _aligned(solid: Solid, verdict: Verdict, wanted: Array, seen: Array, ids: Sequence[int]) -> Solid:
     """The solid in the frame of the marker, at the height of its dots if all are off by the same."""
     assert verdict.motion is not None
     rise = 0.0
-    if wanted is not None and seen is not None and len(verdict.used):
+    if len(verdict.used):
         off = seen[verdict.used] - wanted[[list(ids).index(name) for name in verdict.names]]
         rise = float(np.median(off)) if np.ptp(off) < 0.01 else 0.0
     rotation, translation = np.eye(3), np.zeros(3)
@@ -239,30 +238,18 @@ def _aligned(solid: Solid, verdict: Verdict, wanted: Array | None, seen: Array |
 
 def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> float | None:
     """Thickness in m of the plate in a file, if it is another one and all else is as high."""
-    heights = [shell.corners[:, :, 2] for shell in (solid.shell, wanted.shell)]
-    (low, high), (usual_low, usual_high) = ((float(z.min()), float(z.max())) for z in heights)
+    (low, high), (usual_low, usual_high) = solid.shell.heights, wanted.shell.heights
     thickness = 1e3 * body.plates[0].marker.substrate.thickness + usual_low - low
-    if (
-        body.frame != "marker"
-        or abs(usual_low - low) <= tol
-        or abs(usual_high - high) > tol
-        or not 0.1 < thickness < 1e3
-    ):
-        return None
-    return round(thickness, 6) / 1e3
+    is_plate = body.frame == "marker" and 0.1 < thickness < 1e3
+    is_other = abs(usual_low - low) > tol and not abs(usual_high - high) > tol
+    return round(thickness, 6) / 1e3 if is_plate and is_other else None
 
 
 def _on_plate(body: Body, lengths: Mapping[str, Any]) -> Body:
     """The body on plates with some of `MEASURES` in m, as export makes it with their options."""
     if not lengths:
         return body
-
-    def on_plate(marker: Marker) -> Marker:
-        return replace(marker, substrate=replace(marker.substrate, **lengths))
-
-    if isinstance(body, Rig):
-        return replace(body, markers=tuple(replace(plate, marker=on_plate(plate.marker)) for plate in body.markers))
-    return on_plate(body.plates[0].marker)
+    return with_markers(body, lambda marker: replace(marker, substrate=replace(marker.substrate, **lengths)))
 
 
 def _other_lengths(plate: Substrate, usual: Substrate) -> list[str]:
@@ -289,28 +276,29 @@ class _Explained:
     before: Sequence[Finding]
     tol: float
 
+    @cached_property
+    def around(self) -> dict[int, Inside]:
+        """What tells whether points are on a dot or around it, by its id."""
+        places, radii = 1e3 * self.marker.xyz[:, :2], 1e3 * self.marker.radii + AROUND
+        ids = self.marker.ids.tolist()
+        return {name: partial(_in_disk, *disk) for name, *disk in zip(ids, places, radii, strict=True)}
+
     def findings(self) -> list[Finding]:
-        compared = self.compared
-        findings = self._of_plate()
-        if findings:
+        if findings := self._of_plate():
             return findings
-        open_extra, open_missing = np.ones(len(compared.extra), bool), np.ones(len(compared.missing), bool)
+        left = self.compared.extra, self.compared.missing
         for finding, inside in (*self._dots(), *self._tag()):
             findings += [finding] if finding is not None else []
-            open_extra &= ~inside(compared.extra)
-            open_missing &= ~inside(compared.missing)
-        if (open_extra.any() or open_missing.any()) and not self.wanted.note.startswith("the dark"):
-            lines, inside = self._lines(compared.extra[open_extra])
+            left = left[0][~inside(left[0])], left[1][~inside(left[1])]
+        if (len(left[0]) or len(left[1])) and self.wanted.note != ALONE["dark"]:
+            lines, inside = self._lines(left[0])
             findings += lines
-            open_extra &= ~inside(compared.extra)
-            open_missing &= ~inside(compared.missing)
-        if any(finding.kind == "extra" for finding in self.before):
-            open_extra[:], open_missing[:] = False, False
-        findings += somewhere("extra", "something that is not the marker's", compared.extra[open_extra], REMOVE)
-        if not findings:
-            findings += somewhere("missing", "something missing of it", compared.missing[open_missing], WHOLE)
-        if not (findings or self.before) and len(compared.twice):
-            findings += somewhere("twice", "something that is there twice", compared.twice, REMOVE)
+            left = left[0][~inside(left[0])], left[1][~inside(left[1])]
+        if not any(finding.kind == "extra" for finding in self.before):
+            findings += somewhere("extra", "something that is not the marker's", left[0], REMOVE)
+            findings += somewhere("missing", "something missing of it", left[1], WHOLE) * (not findings)
+        if not (findings or self.before):
+            findings += somewhere("twice", "something that is there twice", self.compared.twice, REMOVE)
         return [*findings, *self._colors([*self.before, *findings]), *self._names()]
 
     def _share(self, name: str) -> float:
@@ -334,9 +322,7 @@ class _Explained:
 
     def _dots(self) -> list[tuple[Finding | None, Inside]]:
         explained = list[tuple[Finding | None, Inside]]()
-        for point in self.marker.control_points:
-            center, radius = np.array([1e3 * point.x, 1e3 * point.y]), 500 * point.feature.diameter
-            inside = partial(_in_disk, center, radius + AROUND)
+        for point, inside in zip(self.marker.control_points, self.around.values(), strict=True):
             extra, missing = (points[inside(points)] for points in (self.compared.extra, self.compared.missing))
             if not len(extra) + len(missing):
                 continue
@@ -397,7 +383,7 @@ class _Explained:
     def _lines(self, extra: Array) -> tuple[list[Finding], Inside]:
         """Outline and holes, in a section of the plate and of countersinks in its face; and what these explain."""
         wanted = plate_lines(self.marker)
-        low, high = (float(np.quantile(self.wanted.shell.corners[:, :, 2], q)) for q in (0.0, 1.0))
+        low, high = self.wanted.shell.heights
         back = low + 0.45 * min(1e3 * self.marker.substrate.thickness, high - low)
         seek = seek_among(_section(self.solid.shell.corners, back))
         rounds = [self._round(line.name, whole) for line in wanted if (whole := line.contour.as_circle)]
@@ -408,20 +394,14 @@ class _Explained:
             *self._sinks(),
             *self._strange_holes(extra),
         ]
-        places = [line.contour for line in wanted if any(line.name in finding.sentence for finding in findings)]
-        strange = [np.array(match, float) for finding in findings
-                   if (match := re.findall(r"a hole at x (\S+), y (\S+) mm", finding.sentence))]  # fmt: skip
-        pieces = pieces_of(places) if places else None
+        sentences = "; ".join(finding.sentence for finding in findings)
+        wrong = seek_among(pieces_of([line.contour for line in wanted if line.name in sentences]))
+        strange = np.array(re.findall(r"a hole at x (\S+), y (\S+) mm", sentences), float).reshape(-1, 2)
 
         def inside(points: Array) -> Mask:
-            is_explained = np.zeros(len(points), bool)
-            if pieces is not None and len(points):
-                is_explained |= (
-                    np.linalg.norm(seek_among(pieces)(points[:, :2], points[:, :2]) - points[:, :2], axis=1) < NEAR
-                )
-            for place in strange:
-                is_explained |= np.linalg.norm(points[:, :2] - place[0], axis=1) < NEAR
-            return is_explained
+            flat = points[:, :2]
+            places = np.stack([wrong(flat, flat), *np.broadcast_to(strange[:, None], (len(strange), *flat.shape))])
+            return np.asarray((np.linalg.norm(places - flat, axis=2) < NEAR).any(axis=0))
 
         return findings, inside
 
@@ -449,21 +429,19 @@ class _Explained:
                 continue
             here = np.hypot(rims.centers[:, 0] - 1e3 * hole.x, rims.centers[:, 1] - 1e3 * hole.y) < 0.1
             alike = here & (np.abs(np.log(rims.radii / (500 * hole.sink))) < np.log(ALIKE))
-            called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+            size = f"{1e3 * hole.sink:.6g} mm"
             if here.any() and not alike.any():
-                findings.append(Finding("hole", f"{called} has no countersink of {1e3 * hole.sink:.6g} mm"))
+                findings.append(Finding("hole", f"{hole_name(hole)} has no countersink of {size}"))
             elif alike.any() and (off := np.abs(rims.radii[alike] - 500 * hole.sink)).min() > self.tol:
-                size = 2 * float(rims.radii[alike][np.argmin(off)])
-                findings.append(
-                    Finding("hole", f"{called} has a diameter of {size:.6g} mm, not {1e3 * hole.sink:.6g} mm")
-                )
+                wide = 2 * float(rims.radii[alike][np.argmin(off)])
+                findings.append(Finding("hole", f"{hole_name(hole)} has a diameter of {wide:.6g} mm, not {size}"))
         return findings
 
     def _strange_holes(self, extra: Array) -> list[Finding]:
         """Rims in the back around which there is something extra."""
         rims, findings = self.solid.rims, list[Finding]()
         wanted = np.array([[1e3 * hole.x, 1e3 * hole.y] for hole in self.marker.substrate.holes]).reshape(-1, 2)
-        low = self.solid.shell.corners[:, :, 2].min()
+        low, _ = self.solid.shell.heights
         for center, radius, normal in zip(rims.centers, rims.radii, rims.normals, strict=True):
             away = np.abs(np.linalg.norm(extra[:, :2] - center[:2], axis=1) - radius)
             is_strange = np.linalg.norm(wanted - center[:2], axis=1).min(initial=np.inf) > HOLE
@@ -474,7 +452,7 @@ class _Explained:
 
     def _colors(self, before: Sequence[Finding]) -> list[Finding]:
         """Dots that are not darker than the plate, and rings whose middle is."""
-        compared, points = self.compared, self.marker.control_points
+        compared = self.compared
         tools: dict[bool, set[str]] = {True: set(), False: set()}
         dark = self.solid.shell.dark
         for index, mesh in enumerate(self.solid.objects):
@@ -488,23 +466,20 @@ class _Explained:
             return []
         pale = compared.repainted[compared.was_dark]
         inked = compared.repainted[~compared.was_dark]
-        disks = [(point.id, np.array([1e3 * point.x, 1e3 * point.y]), 500 * point.feature.diameter) for point in points]
-        wrong = [name for name, center, radius in disks if _in_disk(center, radius + AROUND, pale).sum() > 8]
-        around = np.ones(len(inked), bool)
-        for _, center, radius in disks:
-            around &= ~_in_disk(center, radius + AROUND, inked)
-        if around.sum() > 8 and wrong:
+        wrong = [name for name, inside in self.around.items() if inside(pale).sum() > 8]
+        on_dots = np.any([inside(inked) for inside in self.around.values()], axis=0)
+        if np.sum(~on_dots) > 8 and wrong:
             sentence = "light and dark are swapped: the dots are lighter than the plate"
             return [Finding("inverted", sentence, "swap the two materials, or export it again")]
-        if len(wrong) == len(points) > 1:
+        if len(wrong) == len(self.around) > 1:
             return [Finding("color", "dots and plate have the same color", AGAIN)]
         findings = list[Finding]()
-        for name, center, radius in disks:
+        for name, inside in self.around.items():
             if _is_named(name, before):
                 continue
             if name in wrong:
                 findings.append(Finding("color", f"dot {name} has the color of the plate", AGAIN))
-            elif _in_disk(center, radius + AROUND, inked).sum() > 8:
+            elif inside(inked).sum() > 8:
                 sentence = f"the middle of dot {name} does not have the color of the plate"
                 findings.append(Finding("color", sentence, AGAIN))
         if not findings and not before:
@@ -551,8 +526,7 @@ def _square(corners: Array, inside: Inside) -> Array | None:
 
 def _level(corners: Array) -> float:
     """Height of the largest level area that faces up."""
-    sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0]
+    area = normals_of(corners)[:, 2]
     flat = (np.ptp(corners[:, :, 2], axis=1) < 1e-3) & (area > 0)
     heights, index = np.unique(np.round(corners[flat, 0, 2], 3), return_inverse=True)
     return float(heights[np.argmax(np.bincount(index, area[flat]))]) if flat.any() else 0.0

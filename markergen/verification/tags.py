@@ -8,10 +8,11 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.model.tag import Tag
+from markergen.verification.findings import Motion
 from markergen.verification.reading import Page
 from markergen.verification.words import Finding
 
-Map = Callable[[Array], Array]
+Sample = Callable[[Array], Array]
 
 NAMES = ("top left", "top right", "bottom right", "bottom left")
 
@@ -24,42 +25,34 @@ NEAR = 0.25
 """Maximum distance at which a corner counts as one of the tag's, as a share of a cell."""
 
 
-def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[Finding]:
-    """List the errors of a tag.
-
-    Parameters
-    ----------
-    to_page : callable
-        Map from points (k, 2) in the marker frame in m to the page in mm.
-    tolerance : float
-        Tolerance in mm.
-    """
+def tag_findings(tag: Tag, page: Page, motion: Motion, tolerance: float) -> list[Finding]:
+    """List the errors of a tag, with a tolerance in mm."""
     measured = page.picture is not None and page.picture.measured
     # A seam between tiles adds corners of its own.
     tiled = page.picture is not None and not page.picture.whole
-    errors = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
+    errors = [] if measured or tiled else _in_outlines(tag, page.corners, motion, tolerance)
     if page.picture is None or errors:
         return errors
     # In black and white, an edge along the rows of pixels may be off by half of one.
     allowed = max(tolerance, BILEVEL * page.picture.grain) if page.picture.bilevel else tolerance
-    errors = _in_pixels(tag, page.picture.sample, to_page, allowed if measured else None)
+    errors = _in_pixels(tag, page.picture.sample, motion, allowed if measured else None)
     if not errors or measured or tiled:
         return errors
     remedy = "show all layers, remove what covers it, and print the whole page"
     return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
 
 
-def _in_outlines(tag: Tag, corners_seen: Array, to_page: Map, tolerance: float) -> list[Finding]:
+def _in_outlines(tag: Tag, corners_seen: Array, motion: Motion, tolerance: float) -> list[Finding]:
     from scipy.spatial import cKDTree
 
-    cell = float(np.linalg.norm(np.diff(to_page(tag.corners[:2]), axis=0))) / tag.cells
-    wanted = to_page(np.concatenate(tag.outlines))
+    cell = float(np.linalg.norm(np.diff(motion.to_page(1e3 * tag.corners[:2]), axis=0))) / tag.cells
+    wanted = motion.to_page(1e3 * np.concatenate(tag.outlines))
     if not len(corners_seen):
         return [not_there(tag)]
     tree = cKDTree(corners_seen)
     strange = tree.query(wanted)[0] > NEAR * cell
     # A corner inside the black square that is not one of the tag's belongs to another tag.
-    corners = to_page(tag.corners)
+    corners = motion.to_page(1e3 * tag.corners)
     sides = [corners[1] - corners[0], corners[3] - corners[0]]
     place = np.stack([(corners_seen - corners[0]) @ side / (side @ side) for side in sides], axis=-1)
     inside = corners_seen[((place > 0) & (place < 1)).all(axis=-1)]
@@ -70,14 +63,14 @@ def _in_outlines(tag: Tag, corners_seen: Array, to_page: Map, tolerance: float) 
     return corners_off(corners, nearest, tolerance)
 
 
-def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) -> list[Finding]:
+def _in_pixels(tag: Tag, seen_at: Sample, motion: Motion, tolerance: float | None) -> list[Finding]:
     def sample(points: Array) -> Array:
         return np.nan_to_num(seen_at(points), nan=255.0)
 
     cells = tag.cells
     grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
     x, y = np.meshgrid(grid, -grid)
-    middles = to_page(tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center)
+    middles = motion.to_page(1e3 * (tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center))
     seen = sample(middles).reshape(x.shape)
     level = (seen.min() + seen.max()) / 2
     ink = np.pad(tag.ink, 1)
@@ -86,21 +79,11 @@ def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) ->
         return [not_there(tag)]
     if tolerance is None:
         return []
-    corners = to_page(tag.corners)
+    corners = motion.to_page(1e3 * tag.corners)
     return corners_off(corners, _edges(corners, sample, cells), tolerance)
 
 
-def _crossings(lines: list[tuple[Array, Array]]) -> Array:
-    """Intersection of each line with the previous one."""
-    crossings = []
-    for k in range(len(lines)):
-        (a, u), (b, v) = lines[k - 1], lines[k]
-        step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
-        crossings.append(a + step[0] * u)
-    return np.array(crossings)
-
-
-def _edges(corners: Array, sample: Map, cells: int) -> Array:
+def _edges(corners: Array, sample: Sample, cells: int) -> Array:
     """Corners (4, 2) where the fitted edges of the border's ink intersect."""
     lines = []
     for k in range(4):
@@ -119,7 +102,12 @@ def _edges(corners: Array, sample: Map, cells: int) -> Array:
         middle = points.mean(axis=0)
         direction = np.linalg.svd(points - middle)[2][0]
         lines.append((middle, direction))
-    return _crossings(lines)
+    # Where each edge meets the previous one.
+    crossings = []
+    for (a, u), (b, v) in zip([lines[-1], *lines], lines, strict=False):
+        step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
+        crossings.append(a + step[0] * u)
+    return np.array(crossings)
 
 
 def corners_off(wanted: Array, corners: Array, tolerance: float) -> list[Finding]:

@@ -17,12 +17,13 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.solid.primitives import COLORS
 from markergen.verification.matching import DotSet
-from markergen.verification.rays import Shell
+from markergen.verification.rays import Shell, normals_of
 from markergen.verification.rims import Rims, dots_of, joined, rims_of
 
-DARK = "the dark parts alone: verify the light ones, or the file of all parts, too"
-LIGHT = "the light parts alone, with pockets for the dark ones: verify these, or the file of all parts, too"
-ALONE = {"dark": DARK, "light": LIGHT}
+ALONE = {
+    "dark": "the dark parts alone: verify the light ones, or the file of all parts, too",
+    "light": "the light parts alone, with pockets for the dark ones: verify these, or the file of all parts, too",
+}
 
 MATERIALS = tuple(COLORS)
 
@@ -87,13 +88,7 @@ class WantedSolid:
 # All choices of one marker, of which several files are often compared.
 @lru_cache(maxsize=16)
 def wanted_solid(body: Body, fabrication: Fabrication, materials: tuple[str, ...] = MATERIALS) -> WantedSolid:
-    """Make the parts of some materials.
-
-    Raises
-    ------
-    InputError
-        If the body cannot be made with these options.
-    """
+    """Make the parts of some materials; raises InputError if the body cannot be made with these options."""
     parts, meshed = _made(body, fabrication)
     pairs = [(part, mesh) for part, mesh in zip(parts, meshed(1e3 * fabrication.tolerance), strict=True)
              if part.material in materials]  # fmt: skip
@@ -113,19 +108,10 @@ def _made(body: Body, fabrication: Fabrication) -> tuple[Sequence[Any], Callable
 def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, bare: bool) -> list[WantedSolid]:
     """Solids that a file may have, the one nearest in volume and area first.
 
-    Parameters
-    ----------
-    recorded : bool
-        True if the options are those of the file, so that no others are tried.
-    corners : array (m, 3, 3)
-        Triangles of the file, mm.
-    bare : bool
-        True if it has neither names nor colors, and may hold the parts of one material.
+    The file has triangles with `corners` (m, 3, 3) in mm. If it recorded the options, no others are tried. A `bare` one
+    has neither names nor colors, and may hold the parts of one material.
 
-    Raises
-    ------
-    InputError
-        If the body cannot be made with the options.
+    Raises InputError if the body cannot be made with the options.
     """
     ranked: list[tuple[float, int, WantedSolid]] = []
     problem: InputError | OutputError | None = None
@@ -243,5 +229,4 @@ def area_of(corners: Array) -> float:
 
 
 def _areas(corners: Array) -> Array:
-    sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(np.linalg.norm(np.cross(*sides), axis=1) / 2)
+    return np.asarray(np.linalg.norm(normals_of(corners), axis=1) / 2)

@@ -23,10 +23,7 @@ UNITS = LENGTHS | {"point": 25.4 / 72, "pixel of 90 dpi": 25.4 / 90, "pixel of 9
 def unit_mistakes(*homes: str, units: Mapping[str, float] = UNITS) -> dict[float, tuple[str, str]]:
     """Ratios of wrong to right lengths that mistaken units explain: in words, with the remedy.
 
-    Parameters
-    ----------
-    homes : str
-        Units that a file may be in; each may be taken for another one, or another one for it.
+    A file may be in any unit of `homes`, which may be taken for another one, or another one for it.
     """
     mistakes = dict[float, tuple[str, str]]()
     for home, (unit, size) in product(homes, units.items()):
@@ -81,16 +78,9 @@ NO_PLATE = Finding("no dots", "no marker of the rig is in it", "export it again,
 
 
 def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: bool = False) -> Finding:
-    """Finding about a scale along x and y.
+    """Finding about a scale along x and y, of a layout with half its width and height and a tolerance in mm.
 
-    Parameters
-    ----------
-    half : array (2,)
-        Half the width and height of the layout, mm.
-    tolerance : float
-        mm.
-    pixels : bool
-        True if the scale is that of an image's resolution.
+    With `pixels` the scale is that of an image's resolution.
     """
     exact = np.abs(np.array([x, y]) - 1) * half <= tolerance
     both = abs(x - y) * half.max() <= 2 * tolerance

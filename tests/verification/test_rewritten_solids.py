@@ -14,7 +14,7 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import Settings
-from markergen.verification.wanted_solids import DARK, LIGHT
+from markergen.verification.wanted_solids import ALONE
 
 HOLES = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
 PROCESSES = {
@@ -128,6 +128,6 @@ def test_light_and_dark_parts_alone_pass_and_are_told(marker, files, made):
     folder = files(made, ".stl")
     dark, light = (verify(marker, folder / f"a-{material}.stl") for material in ("dark", "light"))
     assert dark.passed, dark.findings
-    assert dark.notes == (DARK,)
+    assert dark.notes == (ALONE["dark"],)
     assert light.passed, light.findings
-    assert light.notes[0].startswith(LIGHT)
+    assert light.notes[0].startswith(ALONE["light"])
