@@ -5,7 +5,6 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
@@ -148,8 +147,10 @@ class _Shapes:
 
     def _turn(self, kind: str, layer: str, circle: Array, ring: Array) -> None:
         """Take a circle or a piece of one, and tell whether it is there already, or whole with those before."""
-        angle = np.arctan2(*(ring - circle[:2]).T[::-1])
-        places = np.arange(720, dtype=np.intp) if np.allclose(ring[0], ring[-1]) else _between(np.unwrap(angle))
+        # Half degrees that it covers, the ends of an arc left to the next.
+        angle = 2 * np.degrees(np.unwrap(np.arctan2(*(ring - circle[:2]).T[::-1])))
+        is_whole = np.allclose(ring[0], ring[-1])
+        places = np.arange(720) if is_whole else np.arange(round(angle.min()), round(angle.max())) % 720
         rounds = (drawn for there, other, drawn in self._rounds
                   if there == layer and np.abs((circle - other)[:3]).max() <= min(TWIN, circle[2] / 5))  # fmt: skip
         drawn = next(rounds, None)
@@ -166,12 +167,6 @@ class _Shapes:
     def _again(self, kind: str, ring: Array) -> None:
         x, y = (ring.min(axis=0) + ring.max(axis=0)) / 2
         self.twice.append(f"the {kind} around x {x:.4g}, y {y:.4g} mm is there twice, and would be made twice")
-
-
-def _between(angle: Array) -> NDArray[np.intp]:
-    """Half degrees that an arc covers, its ends left to the next."""
-    low, high = 2 * np.degrees([angle.min(), angle.max()])
-    return np.arange(round(low), round(high), dtype=np.intp) % 720
 
 
 def _circle(curves: list[Curve], points: Array) -> Array | None:

@@ -62,6 +62,11 @@ class TilePage:
     arcs: tuple[Array, ...] = ()
 
     @property
+    def is_tile(self) -> bool:
+        """True if it has seams, and is to be assembled with others."""
+        return any(place is not None for place in self.trim)
+
+    @property
     def kept(self) -> tuple[float, ...]:
         """Box (left, bottom, right, top) that remains after trimming."""
         sides = (-np.inf, -np.inf, np.inf, np.inf)
@@ -95,31 +100,24 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     layers = reply.values["layers"]
     sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
-    if is_tiled(sheets):
+    if any(sheet.is_tile for sheet in sheets):
         whole = [assembled(sheets, indices, circle_diameters(body)) for indices in markers_of(sheets)]
         gaps = tuple(gap for _, gaps in whole for gap in gaps)
         papers = tuple(page.size for page in pages)
         return Reading("PDF", tuple(page for page, _ in whole), papers=papers, gaps=gaps)
     finest = max((values["image"] for values in reply.values["pages"]), default=0.0)
-    if finest and not any(
-        len(dots_on_page(page, expected_dots(plate.marker))) for page in pages for plate in body.plates
-    ):
-        drawn = [
-            _of_image(values, reply.arrays, index, body, name) for index, values in enumerate(reply.values["pages"])
-        ]
+    expected = [expected_dots(plate.marker) for plate in body.plates]
+    if finest and not any(len(dots_on_page(page, dots)) for page in pages for dots in expected):
+        drawn = []
+        for index, values in enumerate(reply.values["pages"]):
+            grey = reply.arrays.get(f"picture{index}", np.zeros((0, 0), np.uint8))
+            upright = np.ascontiguousarray(np.rot90(grey, values["turn"]))
+            drawn.append(pixel_page(upright, values["shown"], body, name) if grey.size else Page(np.zeros((0, 4))))
         tolerance = tolerance_of(min(finest, FINEST), ROUNDED)
         note = f"pictures of {25.4 * finest:.0f} dpi without paths: places are allowed {1e6 * tolerance:.0f} um"
         return Reading("PDF", tuple(drawn), tolerance, notes=(note,))
     again = [shape for values in reply.values["pages"] for shape in values["again"]]
     return Reading("PDF", pages, twice=tuple(sentences_of(again, body)))
-
-
-def _of_image(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, body: Body, name: str) -> Page:
-    """Page of pixels alone."""
-    grey = arrays.get(f"picture{index}", np.zeros((0, 0), np.uint8))
-    if not grey.size:
-        return Page(np.zeros((0, 4)))
-    return pixel_page(np.ascontiguousarray(np.rot90(grey, values["turn"])), values["shown"], body, name)
 
 
 def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:
@@ -140,14 +138,9 @@ def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, lay
     return TilePage(page, arrays[f"crosses{index}"], (left, bottom, right, top), tuple(arcs))
 
 
-def is_tiled(sheets: Sequence[TilePage]) -> bool:
-    """Tell whether pages are tiles to be assembled: they have seams."""
-    return any(place is not None for sheet in sheets for place in sheet.trim)
-
-
 def markers_of(sheets: Sequence[TilePage]) -> list[range]:
     """Ranges of pages with the tiles of one marker each: the first one has seams neither on its left nor above."""
-    tiles = [index for index, sheet in enumerate(sheets) if any(place is not None for place in sheet.trim)]
+    tiles = [index for index, sheet in enumerate(sheets) if sheet.is_tile]
     starts = [index for index in tiles if sheets[index].trim[0] is None and sheets[index].trim[3] is None]
     starts = sorted({tiles[0], *starts})
     return [range(start, end) for start, end in zip(starts, [*starts[1:], len(sheets)], strict=True)]
@@ -162,7 +155,7 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
     gaps, (row, column) = list[str](), (-1, 0)
     for index in indices:
         sheet = sheets[index]
-        if all(place is None for place in sheet.trim):
+        if not sheet.is_tile:
             continue
         row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
         ties = [np.zeros((0, 2))]
@@ -185,8 +178,8 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
             gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
         tiles[row, column] = index, sheet, shift
     placed = [(sheet, shift) for _, sheet, shift in tiles.values()]
-    cut = np.concatenate([np.zeros(len(sheet.page.lines), bool) if sheet.page.cut is None else sheet.page.cut
-                          for sheet, _ in placed if sheet.page.lines is not None])  # fmt: skip
+    # All or none have some.
+    cuts = [sheet.page.cut for sheet, _ in placed if sheet.page.cut is not None]
     page = Page(
         np.concatenate(
             [*(sheet.page.circles + [*shift, 0.0, 0.0] for sheet, shift in placed), _joined(placed, diameters)]
@@ -195,7 +188,7 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
         np.concatenate([sheet.page.corners + shift for sheet, shift in placed]),
         picture=PagePicture.of_tiles([(sheet.page.picture, shift, sheet.kept) for sheet, shift in placed]),
         lines=np.concatenate([sheet.page.lines + shift for sheet, shift in placed if sheet.page.lines is not None]),
-        cut=cut if cut.any() else None,
+        cut=np.concatenate(cuts) if any(map(np.any, cuts)) else None,
     )
     return page, gaps
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError, reason_of
 from markergen.read.outlines.curves import Bezier
-from markergen.verification.reading import FARTHEST, FLATTEST, Circle, Painted, circles_of, painted_again, round_shape
+from markergen.verification.reading import FARTHEST, FLATTEST, Painted, circles_of, painted_again, round_shape
 
 MM_PER_POINT = 25.4 / 72
 """The unit of a PDF is 1/72 inch."""
@@ -118,23 +118,25 @@ class _Parser:
         outlines = list[_Outline]()
         self.finest = 0.0
         self._objects(page.raw, outlines)
-        circles, corners, arcs, again = self._filled(outlines, tiled)
+        painted = self._painted(outlines)
+        rest = [np.zeros((0, 2)), *(shape.points for shape in painted if shape.circle is None)]
+        corners = np.concatenate(rest)
+        arcs = [points for points in rest if tiled and len(points) >= LEAST_ARC and np.isfinite(points).all()]
         drawn = [outline for outline in outlines if outline.stroked or self.layers[outline.layer] == CUT]
         lines, layers = [outline.lines for outline in drawn], [outline.layer for outline in drawn]
         self.pages.append(
             {
                 "size": [(media[2] - media[0]) * MM_PER_POINT, (media[3] - media[1]) * MM_PER_POINT],
                 "shown": [MM_PER_POINT * side for side in box],
-                "cropped": bool(np.abs(np.subtract(media, box)).max() > 1),
                 "turn": int(page.get_rotation()) // 90,
                 "trim": trims,
                 "image": self.finest,
-                "again": again,
+                "again": [] if tiled else painted_again(painted),
             }
         )
         self.arrays |= {
-            f"circles{index}": circles_of(circles, "the PDF"),
-            f"corners{index}": np.concatenate([np.zeros((0, 2)), *corners]),
+            f"circles{index}": circles_of([shape.circle for shape in painted if shape.circle], "the PDF"),
+            f"corners{index}": corners[np.isfinite(corners).all(axis=1)],
             f"lines{index}": np.concatenate([np.zeros((0, 2, 2)), *lines]),
             f"layer{index}": np.repeat(np.array(layers, dtype=np.int64), [len(pieces) for pieces in lines]),
             f"crosses{index}": _crosses([outline.points for outline in outlines if not outline.filled]),
@@ -247,11 +249,8 @@ class _Parser:
                 points += _on_curve(np.array([points[-1], *bend]), off)
                 bend = []
 
-    def _filled(
-        self, outlines: "list[_Outline]", tiled: bool
-    ) -> tuple[list[Circle], list[Array], list[Array], list[tuple[float, float, float]]]:
-        """Circles of the filled outlines, corners of the others, those of tiles that may hold arcs, and repeats."""
-        circles, others, arcs = list[Circle](), list[Array](), list[Array]()
+    def _painted(self, outlines: "list[_Outline]") -> list[Painted]:
+        """The filled outlines."""
         painted = list[Painted]()
         for outline in (outline for outline in outlines if outline.filled and len(outline.points) >= 3):
             points = outline.points
@@ -263,14 +262,7 @@ class _Parser:
                     raise InputError(f"at most {MOST_ROUND} small shapes", "more", "verify a smaller file")
                 circle = round_shape(points)
             painted.append(Painted(points, outline.path, outline.paint, circle))
-            if circle is not None:
-                circles.append(circle)
-                continue
-            is_good = np.isfinite(points).all(axis=1)
-            others.append(points[is_good])
-            if tiled and len(points) >= LEAST_ARC and is_good.all():
-                arcs.append(points)
-        return circles, others, arcs, [] if tiled else painted_again(painted)
+        return painted
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,8 +274,8 @@ class _Outline:
     stroked: bool
     closed: bool
     layer: int
-    path: int = 0
-    paint: int = 0
+    path: int
+    paint: int
 
     @property
     def lines(self) -> Array:
@@ -298,7 +290,8 @@ def _on_curve(points: Array, off: float) -> list[tuple[float, float]]:
     size = float(np.ptp(points, axis=0).max())
     if not 0 < size < FARTHEST:
         return [(float(points[-1, 0]), float(points[-1, 1]))]
-    return [(float(x), float(y)) for x, y in Bezier(points).flatten(max(min(off, size / FINE), size / COARSE))[1:]]
+    curve = Bezier(points).flatten(max(min(off, size / FINE), size / COARSE))
+    return [(x, y) for x, y in curve[1:].tolist()]
 
 
 def _crosses(lines: list[Array]) -> Array:

@@ -15,6 +15,7 @@ from markergen.errors import InputError, reason_of
 from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import opened_image
+from markergen.read.videos import silent_opencv
 from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
 from markergen.verification.printed import reads_upright
@@ -148,14 +149,11 @@ def _header(data: bytes, name: str) -> tuple[int, int, Array]:
 def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
     import cv2
 
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        grey = _on_white(data) if data[25] in WITH_ALPHA else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
+        with silent_opencv():
+            grey = _on_white(data) if data[25] in WITH_ALPHA else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
     except (cv2.error, MemoryError) as error:
         raise InputError(f"a PNG that can be decoded in {name}", reason_of(error), "export it again") from None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
     if grey is None or grey.shape != shape:
         raise InputError(f"a PNG that can be decoded in {name}", "damaged pixels", "export it again")
     return np.asarray(grey, dtype=np.uint8)
@@ -177,7 +175,7 @@ def _on_white(data: bytes) -> Grey | None:
 
 def _least_gap(marker: Marker) -> float:
     """Smallest gap between two dots, mm."""
-    xy, radii = marker.xyz[:, :2], np.array([p.feature.diameter / 2 for p in marker.control_points])
+    xy, radii = marker.xyz[:, :2], marker.radii
     first, second = np.triu_indices(len(marker), 1)
     gaps = np.linalg.norm(xy[first] - xy[second], axis=-1) - radii[first] - radii[second]
     return 1e3 * float(gaps.min(initial=np.inf))

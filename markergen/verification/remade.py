@@ -27,9 +27,8 @@ from markergen.model.body_json import body_to_json, from_content
 from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
-from markergen.model.rig import Rig
 from markergen.read.poses.rows import RowsFile
-from markergen.verification.reading import READERS, Settings
+from markergen.verification.reading import READERS, Settings, with_markers
 from markergen.verification.result import Check
 from markergen.verification.solid_files import read_solid
 from markergen.verification.words import MOST_LISTED, Finding, nearest_mistake, scale_finding
@@ -126,8 +125,7 @@ def _table(text: str, name: str) -> Tree:
 
 
 def _json(text: str, name: str) -> Tree:
-    tree = Tree()
-    content = parsed(text, name)
+    tree, content = Tree(), parsed(text, name)
     if not isinstance(content, dict):
         raise InputError(f"a marker.json in {name}", "something else", "export it again")
     _flatten(tree, "", content)
@@ -239,15 +237,7 @@ def _id(value: object) -> str:
         return str(value)
 
 
-class _WithComments(TreeBuilder):
-    def __init__(self) -> None:
-        super().__init__()
-        self.comments: list[str] = []
-
-    def comment(self, text: str | None) -> None:  # type: ignore[override]
-        """Keep a comment, also one outside of the root element."""
-        self.comments.append((text or "").strip())
-
+class _Builder(TreeBuilder):
     def doctype(self, *_: object) -> None:
         """Refuse document types and thus entities."""
         raise ValueError("a document type")
@@ -256,9 +246,13 @@ class _WithComments(TreeBuilder):
 def _xml(root_tag: str, kind: str, text: str, name: str) -> Tree:
     """Attributes and texts of a simulator's model."""
     tree = Tree()
-    builder = _WithComments()
-    tree.comments = builder.comments
-    parser = XMLParser(target=builder)
+
+    def comment(text: str | None) -> Element:
+        # Also one outside of the root element.
+        tree.comments.append((text or "").strip())
+        return Element("comment")
+
+    parser = XMLParser(target=_Builder(comment_factory=comment))
     try:
         parser.feed(text.encode())
         root = parser.close()
@@ -307,25 +301,21 @@ def _comments(text: str) -> list[str]:
 def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, body: Body, settings: Settings) -> Check:
     """Compare a file with what is made of the body, by the options that it records, those asked for, or the defaults.
 
-    Raises
-    ------
-    InputError
-        If it is no such file, or the body has none.
+    Raises InputError if it is no such file, or the body has none.
     """
     check_size(Content(name, data), "list")
     tree = parse(text_of(Content(name, data)), name)
     tolerance = LISTED if settings.tolerance is None else settings.tolerance
     recorded = [text.removeprefix(RECORD) for text in tree.comments if text.startswith(RECORD)]
     tree.comments = [text for text in tree.comments if not text.startswith(RECORD)]
-    notes, remarks = [], list[Finding]()
+    of_plate, notes = list[Finding](), list[str]()
+    choices = list(dict.fromkeys([settings.fabrication, Fabrication()]))
     if recorded:
         asked, remade_body = _recorded(recorded[0], body, name)
         choices = [asked]
-        if remade_body is not body:
-            remarks.append(_of_another_plate(body, remade_body))
+        if any(new.marker is not old.marker for new, old in zip(remade_body.plates, body.plates, strict=True)):
+            of_plate, notes = _of_another_plate(body, remade_body)
             body = remade_body
-    else:
-        choices = list(dict.fromkeys([settings.fabrication, Fabrication()]))
     checks = []
     for choice in choices:
         output = _made(suffix, body, choice)
@@ -337,10 +327,8 @@ def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, bod
         notes.append("it records no options of its export: give those that it was made with, such as --process cnc")
     dots = 0 if suffix == ".apriltag.yaml" else len(body.xyz)
     notes += ["it holds the tag alone, and no dots"] if not dots else []
-    plain = [finding for finding in remarks if finding.kind != "remark"]
-    notes += [finding.sentence for finding in remarks if finding.kind == "remark"]
     return replace(
-        check, dots=dots, copies=1, tolerance=tolerance, pages=(None,), findings=(*plain, *check.findings),
+        check, dots=dots, copies=1, tolerance=tolerance, pages=(None,), findings=(*of_plate, *check.findings),
         notes=(*notes, *check.notes), scale=(1.0, 1.0) if dots and check.passed else check.scale,
     )  # fmt: skip
 
@@ -373,22 +361,19 @@ def _on_plate(body: Body, plate: object, name: str) -> Body:
             return marker
         return from_content({**json.loads(body_to_json(marker)), "substrate": plate}, name)
 
-    if isinstance(body, Rig):
-        markers = tuple(replace(item, marker=marker_on(item.marker)) for item in body.markers)
-        same = all(new.marker is old.marker for new, old in zip(markers, body.markers, strict=True))
-        return body if same else replace(body, markers=markers)
-    return marker_on(body.plates[0].marker)
+    return with_markers(body, marker_on)
 
 
-def _of_another_plate(body: Body, made: Body) -> Finding:
-    """Finding about a plate that is not that of marker.json; a remark if it is thicker or thinner alone."""
+def _of_another_plate(body: Body, made: Body) -> tuple[list[Finding], list[str]]:
+    """Finding about a plate that is not that of marker.json; a note if it is thicker or thinner alone."""
     wanted, plate = (either.plates[0].marker.substrate.as_dict() for either in (body, made))
     differing = [key for key in {**wanted, **plate} if wanted.get(key) != plate.get(key)]
     thick, usual = (1e3 * values["thickness"] for values in (plate, wanted))
     if differing == ["thickness"]:
-        return Finding("remark", f"the plate is {thick:.5g} mm thick, where marker.json says {usual:.6g} mm")
+        return [], [f"the plate is {thick:.5g} mm thick, where marker.json says {usual:.6g} mm"]
     what = ", ".join(key.replace("_", " ") for key in differing) or "another marker's"
-    return Finding("outline", f"made for another plate than marker.json's: {what}", "give the options of its export")
+    sentence = f"made for another plate than marker.json's: {what}"
+    return [Finding("outline", sentence, "give the options of its export")], []
 
 
 def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, tolerance: float) -> Check:
@@ -400,7 +385,7 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
     largest, worst, ratios, wrong = 0.0, None, list[float](), list[Finding]()
     missing: list[str] = []
     for path, values in wanted.leaves.items():
-        key = re.split(r"[/@]", path)[-1].split(" ")[0]
+        key = _key(path)
         if _is_harmless(path):
             continue
         if path not in tree.leaves:
@@ -439,8 +424,8 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
     findings += [Finding("missing", f"{path} is missing", "export it again") for path in _tops(missing)]
     extra = [path for path in tree.leaves if path not in wanted.leaves]
     for path in _tops(extra):
-        below = [other for other in extra if other == path or re.match(re.escape(path) + r"[/@#]", other)]
-        key = re.split(r"[/@]", path)[-1].split(" ")[0]
+        below = [other for other in extra if other == path or other.startswith((f"{path}/", f"{path}@", f"{path}#"))]
+        key = _key(path)
         if key in DEFAULTS and all(_is_default(key, tree.leaves[other]) for other in below):
             continue
         if _is_read(kind, below) and not all(map(_is_harmless, below)):
@@ -462,6 +447,10 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
     )  # fmt: skip
 
 
+def _key(path: str) -> str:
+    return re.split(r"[/@]", path)[-1].split(" ")[0]
+
+
 def _is_harmless(path: str) -> bool:
     return path == "bodies/[0]/name" or not HARMLESS.isdisjoint([path, *path.split("/")])
 
@@ -481,12 +470,9 @@ def _tops(paths: Sequence[str]) -> list[str]:
     whole = [path.removesuffix("#") for path in paths if path.endswith("#")]
     dots = dict.fromkeys(match[0] for path in paths if (match := re.match(r"(?:.*/)?(?:dot|tag) [^/@]+(?=/)", path)))
     tops = [*whole, *dots]
-    kept = [path for path in tops if not any(re.match(re.escape(top) + r"[/@]", path) for top in tops)]
-    return kept + [
-        path
-        for path in paths
-        if not path.endswith("#") and not any(path == top or re.match(re.escape(top) + r"[/@]", path) for top in tops)
-    ]
+    inside = tuple(f"{top}{mark}" for top in tops for mark in "/@")
+    kept = [path for path in tops if not path.startswith(inside)]
+    return kept + [path for path in paths if not (path.endswith("#") or path in tops or path.startswith(inside))]
 
 
 def _is_read(kind: str, paths: Sequence[str]) -> bool:
@@ -494,7 +480,7 @@ def _is_read(kind: str, paths: Sequence[str]) -> bool:
     if kind in ("MJCF", "SDF"):
         return True
     names = {part.split(" ")[0].rstrip("#") for path in paths for part in re.split(r"[/@]", path)[-2:]}
-    last = {re.split(r"[/@]", path)[-1].split(" ")[0].rstrip("#") for path in paths}
+    last = {_key(path).rstrip("#") for path in paths}
     return bool(last & READ_BY_PROGRAMS) or not names.isdisjoint({"dot", "dots", "tag"})
 
 

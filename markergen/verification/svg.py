@@ -90,7 +90,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             raise InputError(f"a width and height in mm, cm or in of {name}", f"a width of {width}", remedy)
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
-        circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0
+        circles, corners, lines, cut, rough = [], [np.zeros((0, 2))], [np.zeros((0, 2, 2))], [], 0
         painted = list[Painted]()
         for piece in drawing.pieces:
             assert piece.look is not None
@@ -117,13 +117,13 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             if circle and (filled or not any(cut[-1:])):
                 circles.append(circle)
             elif len(points) >= 3:
-                corners.append(points)
+                corners.append(points[np.isfinite(points).all(axis=1)])
     root = parse_svg(file)
     size = _size(root.get("width"), root.get("height"))
-    box = _drawn(_shown(root.get("viewBox"), size, scale))
+    box = _drawn(root.get("viewBox"), size, scale)
     is_cut = np.array(cut, dtype=np.bool_)
     page = Page(
-        circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
+        circles_of(circles, name), size, np.concatenate(corners), lines=np.concatenate(lines),
         cut=is_cut if is_cut.any() else None,
         picture=PagePicture.of_page(grey, box.tolist(), 0) if np.isfinite(box).all() and grey.size else None,
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
@@ -151,11 +151,6 @@ def _unpacked(data: bytes, name: str) -> bytes:
     return text
 
 
-def _joined(corners: list[Array]) -> Array:
-    points = np.concatenate(corners) if corners else np.zeros((0, 2))
-    return points[np.isfinite(points).all(axis=-1)]
-
-
 def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     from svgelements import Length
 
@@ -166,28 +161,20 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     return (sides[0], sides[1]) if np.isfinite(sides).all() else None
 
 
-def _shown(view_box: str | None, size: tuple[float, float] | None, scale: float) -> Array:
-    """Left, bottom, right and top in mm of the visible part, y up."""
-    everything = np.array([-np.inf, -np.inf, np.inf, np.inf])
+def _drawn(view_box: str | None, size: tuple[float, float] | None, scale: float) -> Array:
+    """Left, bottom, right and top in mm, y up, of what a picture by resvg shows; nan or infinite if that is unknown."""
     if size is None:
-        return everything
+        return np.full(4, np.nan)
     try:
         x, y, width, height = (float(text) * scale for text in (view_box or "").replace(",", " ").split())
     except ValueError:
         x, y, (width, height) = 0.0, 0.0, size
     # A page of another shape shows more on both sides.
-    wide, high = (max(both) - inner for both, inner in zip(zip((width, height), size, strict=True), (width, height),
-                                                       strict=True))  # fmt: skip
-    return np.array([x - wide / 2, -y - height - high / 2, x + width + wide / 2, -y + high / 2])
-
-
-def _drawn(box: Array) -> Array:
-    """Part of the page that a picture by resvg shows, which has a whole number of pixels of CSS."""
-    sides = box[2:] - box[:2]
-    if not np.isfinite(sides).all():
-        return box
-    whole = np.round(sides / CSS_PIXEL) * CSS_PIXEL
-    return np.array([box[0], box[3] - whole[1], box[0] + whole[0], box[3]])
+    sides = np.maximum((width, height), size)
+    left, top = x - (sides[0] - width) / 2, -y + (sides[1] - height) / 2
+    # It has a whole number of pixels of CSS.
+    across, down = np.round(sides / CSS_PIXEL) * CSS_PIXEL
+    return np.array([left, top - down, left + across, top])
 
 
 # --- Styles -----------------------------------------------------------------------------------------------------------
@@ -227,10 +214,7 @@ _UNSET = {"mix-blend-mode": ("normal", "inherit"), "isolation": ("auto", "inheri
 def plain(file: OutlineFile) -> OutlineFile:
     """Rewrite a file with its colors as ``#rrggbbaa``, its variables by their values, and without rules for all media.
 
-    Raises
-    ------
-    InputError
-        If it has styles that programs draw differently.
+    Raises InputError if it has styles that programs draw differently.
     """
     root = parse_svg(file)
     elements = list(root.iter())
