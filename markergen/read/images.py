@@ -102,11 +102,15 @@ def read_image(path: Path) -> Image:
     Raises InputError if it is missing, unreadable, damaged, not in a known format, of another depth, under 16 px on a
     side, or above 100 million pixels or 500 MB.
     """
+    import cv2
+
     data = _content(path)
     try:
         with quiet:
             header = _examine(path, data)
-            pixels = _decode(data)
+            pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            raise ValueError("damaged data")
     except InputError:
         raise
     except MemoryError:
@@ -295,12 +299,6 @@ def opened_image(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage
         yield image
 
 
-def _depth(image: "PillowImage") -> int:
-    """Bits of a channel in the file, 8 or 16; Pillow's mode has 8 for color of 16."""
-    coded = [tile.args if isinstance(tile.args, str) else tile.args[0] for tile in vars(image).get("tile", ())]
-    return 16 if any("16" in str(mode) for mode in (image.mode, *coded)) else 8
-
-
 def _orientation(image: "PillowImage") -> int:
     """EXIF orientation, 1 to 8; 1 if there is none."""
     try:
@@ -323,7 +321,10 @@ def _examine(path: Path, data: bytes) -> _Header:
                     f"{width}x{height} px",
                     "crop the image, or scale it and its calibration down",
                 )
-            channels, depth = len(image.getbands()), _depth(image)
+            # Bits of a channel in the file; Pillow's mode has 8 for color of 16.
+            coded = [tile.args if isinstance(tile.args, str) else tile.args[0] for tile in vars(image).get("tile", ())]
+            depth = 16 if any("16" in str(mode) for mode in (image.mode, *coded)) else 8
+            channels = len(image.getbands())
             if width * height * channels * depth // 8 > LARGEST_BYTES:
                 raise InputError(
                     f"at most {LARGEST_BYTES // 1_000_000} MB of pixels in {path}",
@@ -356,15 +357,6 @@ def _check_chunks(data: bytes) -> None:
         at += 12 + length
         if at > len(data):
             raise ValueError("a chunk that does not end")
-
-
-def _decode(data: bytes) -> NDArray[Any]:
-    import cv2
-
-    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise ValueError("damaged data")
-    return np.asarray(pixels)
 
 
 def _transparent(pixels: NDArray[Any]) -> bool:

@@ -164,7 +164,7 @@ def _beside(source: str | Path, photos: Sequence[Path], convention: RobotConvent
                 f"one pose file for {photo.name}", listed, f"give --robot as a pattern, such as '{path.name}/*{ending}'"
             )
         for file in mine:
-            poses[index] = _poses_of(_PoseTable(*_single(file)), convention)[0]
+            poses[index] = _poses_of(_single(file), convention)[0]
     return poses
 
 
@@ -245,12 +245,12 @@ def _table(path: Path) -> _PoseTable:
     return _PoseTable(name, names, [cells for _, cells in body], [file.place(line) for line, _ in body], file.comments)
 
 
-def _single(path: Path) -> tuple[str, list[str], list[list[str]], list[str], list[str]]:
+def _single(path: Path) -> _PoseTable:
     """Table of one pose: keys and values, a header with a row, or numbers alone."""
     name, data = read(path, "poses")
     file = RowsFile(name, data.removeprefix(b"\xef\xbb\xbf"))
     lines = [line for _, line in file.table()] if file.first[:1] not in (b"[", b"{", b"<", b"%") else []
-    numbers = [cell for line in lines for cell in line]
+    numbers, comments = [cell for line in lines for cell in line], file.comments
     if numbers and all(_is_number(cell) for cell in numbers):
         flat = list(_flat(numbers))
     elif len(lines) == 2 and len(lines[0]) == len(lines[1]) > 2:
@@ -261,9 +261,9 @@ def _single(path: Path) -> tuple[str, list[str], list[list[str]], list[str], lis
         if not values:
             values = {"pose": records(file)[0][0]} if file.first[:1] == b"[" else {}
         flat = list(_flat(values))
-        texts = [f"{key}: {'' if isinstance(value, list | dict) else value}" for key, value in values.items()]
-        return name, [key for key, _ in flat], [[value for _, value in flat]], [name], [*file.comments, *texts]
-    return name, [key for key, _ in flat], [[value for _, value in flat]], [name], file.comments
+        texts = (f"{key}: {'' if isinstance(value, list | dict) else value}" for key, value in values.items())
+        comments = [*comments, *texts]
+    return _PoseTable(name, [key for key, _ in flat], [[value for _, value in flat]], [name], comments)
 
 
 def _is_number(word: str) -> bool:

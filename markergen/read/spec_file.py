@@ -317,7 +317,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     options = {key: value for key, value in plain_values.items() if key in _KEPT}
     built_keys = _BUILT & table.model_fields_set
     if "camera" in built_keys:
-        options["camera"] = _camera(table.camera)
+        pinhole, lens = table.camera.model_dump(exclude={"distortion"}), table.camera.distortion
+        distortion = Distortion() if lens is None else Distortion(lens.model, tuple(lens.coefficients))
+        options["camera"] = Camera(**pinhole, distortion=distortion)
     if options.get("n") == AUTO:
         raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
     if count == "auto" or (count is None and "target" in options):
@@ -414,10 +416,3 @@ def _drawn(shape: Any) -> str | None:
 
 def _table_of(shape: Any) -> Any:
     return shape.as_dict() if isinstance(shape, Boundary) else shape
-
-
-def _camera(table: CameraTable) -> Camera:
-    values = table.model_dump(exclude={"distortion"})
-    if table.distortion is None:
-        return Camera(**values)
-    return Camera(**values, distortion=Distortion(table.distortion.model, tuple(table.distortion.coefficients)))

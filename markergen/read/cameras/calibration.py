@@ -138,7 +138,7 @@ def _distortion(table: Fields, stated: str, model_place: str, flat: bool) -> Dis
         raise InputError(f"the coefficients {names} of {model} in {table.place()}", odd, "correct the file")
     if missing := [name for name in lists[0] if name not in terms]:
         remark(f"{table.place()}: no {', '.join(missing)}, which is taken as 0")
-    with with_place(table.place()):
+    with with_place(f"at {table.place()}"):
         return Distortion(model if lists[0] else "none", tuple(terms.get(name, 0.0) for name in lists[0]))
 
 
@@ -241,12 +241,12 @@ def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[floa
 
 @contextmanager
 def with_place(place: str) -> Iterator[None]:
-    """Add the place in the file to an error about a value."""
+    """Add a place, such as ``at K in camera.yaml``, to an error about a value."""
     try:
         yield
     except InputError as error:
         expected, problem, remedy = error.args
-        raise InputError(f"{expected} at {place}", problem, remedy) from None
+        raise InputError(f"{expected} {place}", problem, remedy) from None
 
 
 def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:
@@ -255,7 +255,7 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
     `model_place` and `place` locate the name and the coefficients in the file.
     """
     model = name or ("radtan" if len(coefficients) < 8 else "rational")
-    with with_place(model_place):
+    with with_place(f"at {model_place}"):
         lens = LENSES[model]  # Raises if the model is a broken plug-in.
     # Without coefficients a fisheye is still not a pinhole camera: its image is linear in the angle.
     if not coefficients and lens.opencv:
@@ -263,7 +263,7 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
     # OpenCV pads with zeros: 12 coefficients include thin prisms, 14 also a tilted sensor.
     most = max(map(len, lens.coefficients))
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
-    with with_place(place):
+    with with_place(f"at {place}"):
         if len(cut) in (12, 14) and model == "rational":
             expected = "no thin prism and no tilted sensor, coefficients 9 to 14"
             raise InputError(expected, f"{len(cut)} coefficients that are not 0", "calibrate without these terms")
@@ -284,9 +284,9 @@ def make_camera(
     image: then size and matrix belong to different cameras or resolutions, or width and height are swapped.
     """
     fx, fy, cx, cy = matrix
-    with with_place(size_place):
+    with with_place(f"at {size_place}"):
         Camera(width, height, 1.0, 1.0, 0.0, 0.0)
-    with with_place(place):
+    with with_place(f"at {place}"):
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
         if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
             expected = f"focal lengths in px plausible for an image of {width}x{height} px"

@@ -18,6 +18,7 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import isfinite
@@ -31,7 +32,7 @@ from markergen.errors import InputError, brief
 from markergen.files import write_atomic
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import calibrated_camera, without_k3
+from markergen.read.cameras.calibration import calibrated_camera, with_place, without_k3
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.cameras.document import (
     KEYS,
@@ -206,16 +207,11 @@ def _of_text(document: Document) -> tuple[str, Values]:
     beginning = document.data[:_BEGINNING].decode("latin-1").replace("\r\n", "\n")
     for name, (form, read) in TEXTS.items():
         if re.search(form, beginning):
-            try:
+            with suppress(ValueError, AttributeError), with_place(f"in {document.name}"):
                 binary = b"\0" in document.data[:8]
                 text = document.data.decode("latin-1") if binary else document.text.replace("\r\n", "\n")
                 if values := read(text):
                     return name, dict(document_of(values, document.name).fields.values)
-            except InputError as error:
-                expected, problem, remedy = error.args
-                raise InputError(f"{expected} in {document.name}", problem, remedy) from None
-            except (ValueError, AttributeError):
-                continue
     return "", {}
 
 

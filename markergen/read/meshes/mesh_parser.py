@@ -570,15 +570,9 @@ class _Model:
         inside = [part for part in volumes if 0 <= part.first <= part.last < len(corners)]
         ranges = inside or [_Volume(0, len(corners) - 1, item.name, "")]
         return [
-            MeshObject(
-                corners[part.first : part.last + 1],
-                part.name,
-                color,
-                paints[part.first : part.last + 1],
-                self.palette,
-                part.tool,
-            )
+            MeshObject(corners[here], part.name, color, paints[here], self.palette, part.tool)
             for part in ranges
+            for here in [slice(part.first, part.last + 1)]
         ]
 
 

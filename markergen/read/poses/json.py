@@ -92,17 +92,13 @@ def _number(value: object, place: str) -> float:
 
 def _write(numbers: Array, ending: str) -> str:
     if ending == NERF_NAME:
-        return _nerf(numbers)
+        from scipy.spatial.transform import Rotation
+
+        back, matrices = camera_in_marker(numbers, "opengl"), np.tile(np.eye(4), (len(numbers), 1, 1))
+        matrices[:, :3, :3], matrices[:, :3, 3] = Rotation.from_quat(back[:, 3:]).as_matrix(), back[:, :3]
+        return json.dumps({"frames": [{NERF_KEY: matrix} for matrix in matrices.tolist()]}, indent=1) + "\n"
     rows = [json.dumps(dict(zip(COLUMNS.split(), row, strict=True))) for row in numbers.tolist()]
     return "[\n" + ",\n".join(rows) + "\n]\n"
-
-
-def _nerf(numbers: Array) -> str:
-    from scipy.spatial.transform import Rotation
-
-    back, matrices = camera_in_marker(numbers, "opengl"), np.tile(np.eye(4), (len(numbers), 1, 1))
-    matrices[:, :3, :3], matrices[:, :3, 3] = Rotation.from_quat(back[:, 3:]).as_matrix(), back[:, :3]
-    return json.dumps({"frames": [{NERF_KEY: matrix} for matrix in matrices.tolist()]}, indent=1) + "\n"
 
 
 POSE_FORMATS.register("json")(
