@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
+from markergen.geometry.contour import rings_and_circles
 from markergen.maths.rotation import rigid_motion, scaled_motion
 from markergen.model.marker import Marker
 from markergen.model.openings import openings
@@ -186,8 +187,7 @@ def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: b
 
 def round_holes(marker: Marker) -> Array:
     """Middles (k, 2) in mm of a marker's round openings."""
-    rounds = [opening.contour.as_circle for opening in openings(marker)]
-    return 1e3 * np.array([whole[:2] for whole in rounds if whole is not None]).reshape(-1, 2)
+    return 1e3 * rings_and_circles(opening.contour for opening in openings(marker))[1][:, :2]
 
 
 def at_holes(dots: DotSet, motion: Motion | None, holes: Array) -> Mask:

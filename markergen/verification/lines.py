@@ -13,6 +13,7 @@ from markergen.model.marker import Marker
 from markergen.model.openings import Opening, openings
 from markergen.model.substrate import Hole
 from markergen.solid.plate import plate_of
+from markergen.verification.rays import counted
 from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Seek = Callable[[Array, Array], Array]
@@ -242,9 +243,8 @@ def _along(segments: Array, spacing: float) -> tuple[Array, Indices]:
     """Points (m, 2) along straight pieces (k, 2, 2), their ends among them, and the index of the piece of each."""
     way = segments[:, 1] - segments[:, 0]
     count = np.clip(np.ceil(np.linalg.norm(way, axis=1) / spacing), 1, MOST_SAMPLES).astype(int) + 1
-    of = np.repeat(np.arange(len(segments)), count)
-    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count - 1, count)
-    return segments[of, 0] + share[:, None] * way[of], of
+    of, number = counted(count)
+    return segments[of, 0] + (number / (count - 1)[of])[:, None] * way[of], of
 
 
 def strays(segments: Array, wanted: Array, misplaced: bool = False) -> Mask:
@@ -260,17 +260,15 @@ def sampled(contour: Contour) -> tuple[Array, Array]:
     way = np.roll(ring, -1, axis=0) - ring
     length = np.linalg.norm(way, axis=1)
     spacing = max(min(SPACING, length.sum() / 100), length.sum() / MOST_SAMPLES)
+    normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
     if len(ring) > MOST_SAMPLES or (length < spacing).mean() > 0.5:
         # Chords of an arc: points at equal distances among their ends.
         at = np.cumsum(length) - length
         kept = np.concatenate([[True], np.diff(np.floor(at / spacing)) > 0])
         # Ends of chords are on the arc; points between them are not.
-        normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
         normal = normal + np.roll(normal, 1, axis=0)
         normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
         return ring[kept], normal[kept]
     count = np.maximum(np.ceil(length / spacing), 1).astype(int)
-    of = np.repeat(np.arange(len(ring)), count)
-    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
-    normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
-    return ring[of] + share[:, None] * way[of], normal[of]
+    of, number = counted(count)
+    return ring[of] + (number / count[of])[:, None] * way[of], normal[of]

@@ -178,7 +178,10 @@ def _matches(expected: DotSet, dots: DotSet, mirror: bool) -> list[Match]:
     """
     if len(dots) < 2:
         return []
-    reach = _reach(expected)
+    # Up to this distance in mm, a dot can belong to only one expected dot.
+    apart = np.linalg.norm(expected.centers[:, None] - expected.centers, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    reach = float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
     matches: list[Match] = []
     for pair in _base_pairs(expected):
         for factor, offset in _guesses(expected, dots, pair, mirror, reach):
@@ -192,13 +195,6 @@ def _matches(expected: DotSet, dots: DotSet, mirror: bool) -> list[Match]:
     least = min((match.rms for match in matches), default=0.0)
     # Matches that fit equally well are symmetries of a regular layout.
     return [match for match in matches if match.rms <= 1.5 * least + 1e-3]
-
-
-def _reach(expected: DotSet) -> float:
-    """Maximum distance in mm at which a found dot can belong to only one expected dot."""
-    apart = np.linalg.norm(expected.centers[:, None] - expected.centers, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
 
 
 def _base_pairs(expected: DotSet) -> list[tuple[int, int]]:

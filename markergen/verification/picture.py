@@ -60,16 +60,7 @@ class PagePicture:
 
     @staticmethod
     def of_page(grey: NDArray[np.uint8], box: Sequence[float], quarter_turns: int) -> "PagePicture":
-        """Picture of a page as viewers show it.
-
-        Parameters
-        ----------
-        grey : array (h, w)
-        box : (left, bottom, right, top)
-            Part of the page that it shows, mm.
-        quarter_turns : int
-            Number of quarter turns clockwise by which viewers turn the page.
-        """
+        """Picture of the part (left, bottom, right, top) in mm of a page, which viewers turn clockwise."""
         height, width = grey.shape
         left, bottom, right, top = box
         across, up = right - left, top - bottom

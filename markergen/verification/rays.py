@@ -156,7 +156,10 @@ def _along(
         origin = low - pitch * (1 - np.array(offset))
         mine, theirs = (_crossings(shell.corners, axis, origin, pitch, counts, differing) for shell in (solid, wanted))
         results.append((mine, theirs))
-        bad &= _differing(mine, theirs, tolerance, len(bad))
+        differs = np.not_equal(*(np.bincount(crossings.key, minlength=2 * len(bad)) for crossings in (mine, theirs)))
+        for one, other in ((mine, theirs), (theirs, mine)):
+            differs[one.key[~_partners(one, other, tolerance)[1]]] = True
+        bad &= differs.reshape(-1, 2).any(axis=1)
         painted = theirs.key[_repainted(solid, wanted, mine, theirs, tolerance)] // 2
         pale &= np.bincount(painted, minlength=len(pale)) > 0
         differing = bad | pale
@@ -178,14 +181,6 @@ def _repainted(solid: Shell, wanted: Shell, mine: Crossings, theirs: Crossings, 
     return np.asarray(other & (theirs.slope > LEAST_SLOPE))
 
 
-def _differing(mine: Crossings, theirs: Crossings, tolerance: float, rays: int) -> Mask:
-    """Tell on which rays crossings differ in number or place."""
-    differs = np.bincount(mine.key, minlength=2 * rays) != np.bincount(theirs.key, minlength=2 * rays)
-    for one, other in ((mine, theirs), (theirs, mine)):
-        differs[one.key[~_partners(one, other, tolerance)[1]]] = True
-    return np.asarray(differs.reshape(-1, 2).any(axis=1))
-
-
 def _partners(one: Crossings, other: Crossings, tolerance: float) -> tuple[Indices, Mask]:
     """Index of the nearest crossing of the other on the same ray and side, and whether it is the same surface."""
     if not len(other.key):
@@ -205,12 +200,8 @@ def _crossings(
 ) -> Crossings:
     """Crossings of the rays along an axis with triangles, each with its side: 1 where the ray leaves, else 0.
 
-    Triangles with a common edge share the same numbers on it, so that a ray crosses one of them.
-
-    Parameters
-    ----------
-    chosen : array of bool or None
-        The only rays to look at.
+    Triangles with a common edge share the same numbers on it, so that a ray crosses one of them. Only the rays that are
+    chosen are looked at, if some are.
     """
     u, v = (axis + 1) % 3, (axis + 2) % 3
     flat = (corners[:, :, [u, v]] - origin[[u, v]]) / pitch[[u, v]]
@@ -252,7 +243,7 @@ def _rays(flat: Array, chosen: Indices, wanted: Mask | None, counts: Indices) ->
     triangles = flat[chosen]
     first = np.clip(np.ceil(triangles[:, :, 1].min(axis=1)), 0, counts[1]).astype(np.int64)
     number = np.clip(np.ceil(triangles[:, :, 1].max(axis=1)), 0, counts[1]).astype(np.int64) - first
-    which, row = _counted(number)
+    which, row = counted(number)
     row += first[which]
     if wanted is not None:
         kept = np.asarray(wanted.any(axis=1))[row]
@@ -270,7 +261,7 @@ def _rays(flat: Array, chosen: Indices, wanted: Mask | None, counts: Indices) ->
     good = np.isfinite(left) & np.isfinite(right)
     left, right = np.clip(left, 0, counts[0]), np.clip(right, 0, counts[0])
     which, row, left, right = which[good], row[good], left[good], right[good]
-    pair, column = _counted((right - left).astype(np.int64))
+    pair, column = counted((right - left).astype(np.int64))
     column += left[pair].astype(np.int64)
     if wanted is not None:
         met = np.flatnonzero(wanted[row[pair], column])
@@ -278,7 +269,7 @@ def _rays(flat: Array, chosen: Indices, wanted: Mask | None, counts: Indices) ->
     return chosen[which[pair]], column, row[pair]
 
 
-def _counted(number: Indices) -> tuple[Indices, Indices]:
+def counted(number: Indices) -> tuple[Indices, Indices]:
     """For numbers (n,), the index of each counted item's number, and its place from 0."""
     which = np.repeat(np.arange(len(number)), number)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)

@@ -316,9 +316,12 @@ def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, bod
         if any(new.marker is not old.marker for new, old in zip(remade_body.plates, body.plates, strict=True)):
             of_plate, notes = _of_another_plate(body, remade_body)
             body = remade_body
-    checks = []
+    exporter, checks = EXPORTERS[suffix], []
+    if not exporter.purpose(body.frame):
+        wanted, remedy = f"a sheet or a solid of a {body.frame}", "verify it against the one marker in it"
+        raise InputError(wanted, f"a {suffix}", remedy)
     for choice in choices:
-        output = _made(suffix, body, choice)
+        output = exporter(body, ExportOptions(fabrication=choice))
         checks.append(_compared(kind, tree, parse(output.data.decode(), name), output, name, tolerance))
         if checks[-1].passed:
             break
@@ -331,15 +334,6 @@ def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, bod
         check, dots=dots, copies=1, tolerance=tolerance, pages=(None,), findings=(*of_plate, *check.findings),
         notes=(*notes, *check.notes), scale=(1.0, 1.0) if dots and check.passed else check.scale,
     )  # fmt: skip
-
-
-def _made(suffix: str, body: Body, fabrication: Fabrication) -> Output:
-    exporter = EXPORTERS[suffix]
-    if not exporter.purpose(body.frame):
-        raise InputError(
-            f"a sheet or a solid of a {body.frame}", f"a {suffix}", "verify it against the one marker in it"
-        )
-    return exporter(body, ExportOptions(fabrication=fabrication))
 
 
 def _recorded(text: str, body: Body, name: str) -> tuple[Fabrication, Body]:

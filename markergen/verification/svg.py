@@ -74,7 +74,11 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     """Read the circles, corners and lines of an SVG, and what shows of it."""
     check_size(Content(name, data), "SVG")
     if data.startswith(b"\x1f\x8b"):
-        data = _unpacked(data, name)
+        try:
+            data = zlib.decompressobj(31).decompress(data, KINDS["SVG"].largest + 1)
+        except zlib.error as error:
+            raise InputError(f"a complete SVG in {name}", reason_of(error), "save it again") from None
+        check_size(Content(name, data), "SVG")
     if _MOVING.search(data):
         raise InputError(f"an SVG that stays as it is in {name}", "animation or a script", "save it without them")
     if _AT_ENDS.search(data):
@@ -139,16 +143,6 @@ def _paint_of(style: Style, filled: bool) -> str:
     text = style["fill" if filled else "stroke"]
     is_color = text.startswith("#") or text in ImageColor.colormap
     return str(("fill" if filled else "stroke", ImageColor.getcolor(text, "RGBA") if is_color else text))
-
-
-def _unpacked(data: bytes, name: str) -> bytes:
-    most = KINDS["SVG"].largest
-    try:
-        text = zlib.decompressobj(31).decompress(data, most + 1)
-    except zlib.error as error:
-        raise InputError(f"a complete SVG in {name}", reason_of(error), "save it again") from None
-    check_size(Content(name, text), "SVG")
-    return text
 
 
 def _size(width: str | None, height: str | None) -> tuple[float, float] | None:

@@ -49,9 +49,6 @@ CUT = 0.02
 MOST_MADE = 5
 """Number of solids that are made with options that a file may have been exported with: those nearest in volume."""
 
-MOST_TRIED = 1
-"""Number of solids of the nearest volume and area with which a file is compared, beside the one asked for."""
-
 RIM = 2.5
 """Maximum ratio of the radius of a dot to that of its rim, of a ball on a neck."""
 
@@ -106,7 +103,7 @@ def _made(body: Body, fabrication: Fabrication) -> tuple[Sequence[Any], Callable
 
 
 def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, bare: bool) -> list[WantedSolid]:
-    """Solids that a file may have, the one nearest in volume and area first.
+    """Solids that a file may have: the one nearest in volume and area, and the one asked for.
 
     The file has triangles with `corners` (m, 3, 3) in mm. If it recorded the options, no others are tried. A `bare` one
     has neither names nor colors, and may hold the parts of one material.
@@ -160,8 +157,7 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
         ranked.append((off(volume, area_of(wanted.shell.corners)), number, wanted))
         if ranked[-1][0] < CLOSE:
             break
-    tried = [wanted for _, _, wanted in sorted(ranked, key=lambda rank: rank[:2])[:MOST_TRIED]]
-    return tried + [wanted for _, _, wanted in ranked[:1] if wanted not in tried]
+    return list(dict.fromkeys([min(ranked, key=lambda rank: rank[:2])[2], ranked[0][2]]))
 
 
 def _around(corners: Array, wanted: Array) -> Array:
