@@ -61,13 +61,9 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     In CSV the columns are `COLUMNS`, of which those that are needed are given: rx, ry, rz in rad, or roll, pitch, yaw
     in degrees.
 
-    Raises InputError if the file cannot be read, or is not such a list; the message lists the errors with their paths.
+    Returned are also the markers of the plates that have one, by the plate's number.
 
-    Returns
-    -------
-    RigShape
-    dict of int to Marker
-        Markers of the plates that have one.
+    Raises InputError if the file cannot be read, or is not such a list; the message lists the errors with their paths.
     """
     text, name = text_of(read(path, "list")), str(path)
     try:

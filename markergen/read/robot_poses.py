@@ -119,17 +119,10 @@ def robot_poses(
 ) -> dict[int, tuple[Array, Array]]:
     """Return T_base_flange, R (3, 3) and t (3,) in m, of the photographs that have one, by their index.
 
-    Parameters
-    ----------
-    source : path
-        A table, a folder with a pose file for each photograph, or a pattern of such files.
-    photos : sequence of Path
+    The source is a table, a folder with a pose file for each photograph, or a pattern of such files.
 
-    Raises
-    ------
-    InputError
-        If a file is not as expected, names no photograph, or neither it nor the convention states direction, unit and
-        rotation.
+    Raises InputError if a file is not as expected, names no photograph, or neither it nor the convention states
+    direction, unit and rotation.
     """
     path = Path(source)
     if path.is_dir() or (glob.has_magic(str(source)) and not exists(path)):
@@ -400,8 +393,14 @@ def _poses_of(table: _PoseTable, convention: RobotConvention) -> list[tuple[Arra
         rotation = rotation[:, [1, 2, 3, 0]]
     elif count == 3:
         rotation = _vectors(rotation, notation, angle, columns.axes, table)
+    from scipy.spatial.transform import Rotation
+
     numbers = numbers_of(translation, rotation, lambda index: table.places[index])
-    return _as_flange_in_base(numbers, frame)
+    turns, translation = Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
+    if frame == BASE_IN_FLANGE:
+        turns = turns.inv()
+        translation = -turns.apply(translation)
+    return list(zip(turns.as_matrix(), translation, strict=True))
 
 
 def _vectors(angles: Array, notation: str, angle: str, axes: str, table: _PoseTable) -> Array:
@@ -419,16 +418,6 @@ def _vectors(angles: Array, notation: str, angle: str, axes: str, table: _PoseTa
             )
         angles = angles[:, [axes.index(axis) for axis in notation.lower()]]
     return np.asarray(Rotation.from_euler(notation, angles, degrees=angle == "deg").as_quat())
-
-
-def _as_flange_in_base(numbers: Array, frame: str) -> list[tuple[Array, Array]]:
-    from scipy.spatial.transform import Rotation
-
-    rotation, translation = Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
-    if frame == BASE_IN_FLANGE:
-        rotation = rotation.inv()
-        translation = -rotation.apply(translation)
-    return list(zip(rotation.as_matrix(), translation, strict=True))
 
 
 def _one(aspect: str, wish: str | None, texts: Sequence[str], file: str) -> str:

@@ -38,12 +38,8 @@ def is_exact(value: object) -> bool:
 def camera_covariance(value: Path | str | Array | None, source: object, camera: Camera) -> Array | None:
     """Return the covariance to count: the one given, or the one in the camera's own file; None if there is neither.
 
-    Parameters
-    ----------
-    value : path, array or None
-        As for `read_camera_covariance`; ``none`` takes the calibration as exact.
-    source : object
-        What the camera was made from: a path or a mapping of a file's values may have its covariance.
+    It is given as for `read_camera_covariance`; ``none`` takes the calibration as exact. The source is what the camera
+    was made from: a path or a mapping of a file's values may have its covariance.
     """
     if is_exact(value):
         return None

@@ -272,19 +272,8 @@ def read_room(
     Keep-outs from a drawing share the frame of a boundary from a drawing and move with it. A shape such as
     ``circle:3mm@40mm,-20mm`` is already in the marker frame.
 
-    Parameters
-    ----------
-    boundary : str or None
-        See `parse_boundary`; None for no boundary.
-    keep_outs : sequence of str
-        Shapes or drawings; ``plate.dxf#HOLES`` selects a layer.
-    unit, layer, origin, ignore_open : optional
-        See `parse_boundary`; the unit and `ignore_open` also apply to keep-outs.
-
-    Raises
-    ------
-    InputError
-        See `parse_boundary`.
+    See `parse_boundary` for the arguments and errors; the unit and `ignore_open` also apply to keep-outs, of which
+    ``plate.dxf#HOLES`` selects a layer.
     """
     drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(split(text)[0])]
     if unit is not None and not drawings:

@@ -49,7 +49,6 @@ SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
 GROUPS = ("g", "a", "switch")
 MOST_CLIPS = 16
 """Maximum number of shapes in a clip path, which are intersected with each shape that it clips."""
-UNREAD = {"text": "text", "image": "image", "foreignObject": "foreign object"}
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
 _SHAPED = re.compile(
@@ -595,7 +594,7 @@ class _SvgReader:
         if not is_visible or (kind == "text" and not content):
             return
         label = content if kind == "text" else element.get("id")
-        name = f"the {UNREAD[kind]} {brief(label)}" if label else f"the {UNREAD[kind]} without a name"
+        name = f"the {OTHERS[kind].removesuffix('s')} {brief(label) if label else 'without a name'}"
         matrix = place.matrix @ self._shapes.matrix(element, name)
         x, y, right, bottom = self._text_box(element, style) if kind == "text" else self._box(element, place, name)
         corners = np.array([[x, y], [right, y], [right, bottom], [x, bottom]])
