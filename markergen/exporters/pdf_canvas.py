@@ -1,6 +1,7 @@
 """Shapes drawn on a page of reportlab's canvas, in mm, for all PDF formats."""
 # tests: tests/exporters/test_pdf.py
 
+from io import BytesIO
 from math import cos, pi, sin, tan
 from typing import Any
 
@@ -25,8 +26,8 @@ MOST_POINTS = 14400
 """Maximum side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
 
 
-def bare_canvas(*arguments: Any, **options: Any) -> Any:
-    """Make a canvas for drawings to scale.
+def bare_canvas(buffer: BytesIO, title: str, subject: str, *keywords: str) -> Any:
+    """Make a canvas for drawings to scale, with metadata and the same bytes every time.
 
     It asks the program that prints it for true size on paper of the page's size, and selects no font: by default
     reportlab lists Helvetica, unembedded, on every page.
@@ -49,9 +50,14 @@ def bare_canvas(*arguments: Any, **options: Any) -> Any:
                 rl_config.useA85 = default
 
     # Preferences about trays and duplex printing require PDF 1.7, layers 1.5.
-    canvas = BareCanvas(*arguments, pdfVersion=(1, 7), **options)
+    canvas = BareCanvas(buffer, pdfVersion=(1, 7), pageCompression=1, invariant=1)
     preferences = {"PrintScaling": PDFName("None"), "PickTrayByPDFSize": "true"}
     canvas._doc.Catalog.ViewerPreferences = PDFDictionary(preferences)
+    canvas.setTitle(title)
+    canvas.setSubject(subject)
+    canvas.setAuthor("markergen")
+    canvas.setCreator(f"markergen {markergen.__version__}")
+    canvas.setKeywords(["fiducial marker", title, *keywords])
     return canvas
 
 
@@ -66,17 +72,6 @@ def page_size(paper: Paper) -> tuple[float, float]:
     if max(paper.width, paper.height) * POINTS_PER_MM > MOST_POINTS:
         raise InputError("a page of at most 5080 mm, PDF's limit", str(paper), "use a smaller paper or .svg")
     return paper.width * POINTS_PER_MM, paper.height * POINTS_PER_MM
-
-
-def metadata(title: str, subject: str, *keywords: str) -> dict[str, Any]:
-    """Title, subject, author, creator and keywords of a document."""
-    return {
-        "title": title,
-        "subject": subject,
-        "author": "markergen",
-        "creator": f"markergen {markergen.__version__}",
-        "keywords": ["fiducial marker", title, *keywords],
-    }
 
 
 def draw_shape(canvas: Any, shape: Shape) -> None:

@@ -183,19 +183,14 @@ def check_exports(
 
             import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
-        if exporter.sheet:
-            _check_sheet(exporter, options, spec, count)
+        if exporter.sheet and spec is not None:
+            # A format of one page cannot hold tiles.
+            check_paper(spec.boundary, options.sheet, exporter.many_pages, count)
 
 
 def holds_light(exporter: Exporter) -> bool:
     """True if a format can hold light dots: as a sheet, as points, or as the marker itself."""
     return exporter.sheet or exporter.holds == "points"
-
-
-def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None", count: int) -> None:
-    if spec is not None:
-        # A format of one page cannot hold tiles.
-        check_paper(spec.boundary, options.sheet, exporter.many_pages, count)
 
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:

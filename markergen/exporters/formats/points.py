@@ -83,11 +83,17 @@ EXPORTERS.register(".detector.json")(
 )
 
 
-def _row(suffix: str, description: str, text_of: Callable[[Marker], str], *notes: str) -> None:
+def _row(
+    suffix: str,
+    description: str,
+    text_of: Callable[[Marker], str],
+    notes_of: Callable[[Marker], tuple[str, ...]] = lambda _: (),
+) -> None:
     """Register a format that is a text of one marker."""
 
     def write(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
-        return Output(text_of(only(markers, suffix)).encode(), notes)
+        marker = only(markers, suffix)
+        return Output(text_of(marker).encode(), notes_of(marker))
 
     EXPORTERS.register(suffix)(Exporter(write, description))
 
@@ -225,12 +231,6 @@ def write_bundle(marker: Marker) -> str:
     return comment_lines(marker, title, *remarks) + yaml_text(body)
 
 
-def export_bundle(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
-    """See `write_bundle`."""
-    marker = only(markers, ".apriltag.yaml")
-    return Output(write_bundle(marker).encode(), _unknown(marker))
-
-
 def _unknown(marker: Marker) -> tuple[str, ...]:
     family, note = UNKNOWN_TO_ROS
     return (note,) if marker.tag and marker.tag.family == APRILTAG + family else ()
@@ -246,10 +246,10 @@ _row(
     ".ros2.yaml",
     "ROS 2: static transform and landmarks",
     write_ros2,
-    "The transform from map is the identity: set it to where the marker hangs.",
+    lambda _: ("The transform from map is the identity: set it to where the marker hangs.",),
 )
-_row(".kalibr.yaml", "target in the style of Kalibr", write_kalibr, NOT_KALIBR)
-EXPORTERS.register(".apriltag.yaml")(Exporter(export_bundle, "apriltag_ros: bundle of an AprilTag"))
+_row(".kalibr.yaml", "target in the style of Kalibr", write_kalibr, lambda _: (NOT_KALIBR,))
+_row(".apriltag.yaml", "apriltag_ros: bundle of an AprilTag", write_bundle, _unknown)
 
 
 def comment_lines(marker: Marker, title: str, *remarks: str) -> str:

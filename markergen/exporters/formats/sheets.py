@@ -7,6 +7,7 @@ as outlines. Both have the same bytes every time.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -17,7 +18,7 @@ import numpy as np
 from markergen.drawing.colors import rgb, spot_name
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
-from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size
+from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, page_size
 from markergen.model.fabrication import PROCESSES
 
 if TYPE_CHECKING:
@@ -31,20 +32,13 @@ LEAST_ROUND, EVEN = 16, 1e-6
 
 def export_pdf(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
     """All pages as PDF: text as outlines, with layers and trim box."""
-    from markergen.drawing.paper_net import net_sheet
-    from markergen.drawing.sheet_layout import pages_for
-
-    if options.net:
-        sheets: Sequence[Sheet] = (net_sheet(only(bodies), options.sheet),)
-    else:
-        markers, labels = _labeled(bodies)
-        sheets = pages_for(markers, options.sheet, labels)
+    sheets = _sheets(bodies, options)
     return Output(write_pdf(sheets), tuple(dict.fromkeys(note for sheet in sheets for note in sheet.notes)))
 
 
 def export_svg(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Output:
     """One page as SVG, to print or to edit."""
-    sheet = _page(bodies, options, ".svg")
+    (sheet,) = _sheets(bodies, options, ".svg")
     cut = PROCESSES[options.fabrication.process].engraved
     return Output(write_svg(sheet, filled=not cut), sheet.notes)
 
@@ -54,55 +48,43 @@ def export_png(bodies: Sequence["Marker | Rig"], options: ExportOptions) -> Outp
     from markergen.exporters.png import check_image, image_size, write_png
 
     check_image(options)
-    sheet = _page(bodies, options, ".png")
+    (sheet,) = _sheets(bodies, options, ".png")
     width, height = image_size(sheet.paper, options.dpi)
     note = f"The image has {width} x {height} pixels and says that they are {options.dpi} to the inch."
     return Output(write_png(sheet, options.dpi), (*sheet.notes, note))
 
 
-def _page(bodies: Sequence["Marker | Rig"], options: ExportOptions, suffix: str) -> Sheet:
-    from markergen.drawing.paper_net import net_sheet
-    from markergen.drawing.sheet_layout import one_page
+def _sheets(bodies: Sequence["Marker | Rig"], options: ExportOptions, one_page_of: str = "") -> Sequence[Sheet]:
+    """All pages, or the only one of a format without more; beside plates of a rig their names and neighbors."""
+    from markergen.drawing.paper_net import net_sheet, sheet_labels
+    from markergen.drawing.sheet_layout import one_page, pages_for
 
     if options.net:
-        return net_sheet(only(bodies), options.sheet)
-    markers, labels = _labeled(bodies)
-    return one_page(markers, options.sheet, suffix, labels)
-
-
-def _labeled(bodies: Sequence["Marker | Rig"]) -> tuple[list["Marker"], list[tuple[Shape, ...]]]:
-    """Markers of all plates, and the names and neighbors of those of a rig, to print beside them."""
-    from markergen.drawing.paper_net import sheet_labels
-
+        return (net_sheet(only(bodies), options.sheet),)
     markers = [plate.marker for body in bodies for plate in body.plates]
-    return markers, [labels for body in bodies if body.frame == "rig" for labels in sheet_labels(body)]
+    labels = [shapes for body in bodies if body.frame == "rig" for shapes in sheet_labels(body)]
+    if one_page_of:
+        return (one_page(markers, options.sheet, one_page_of, labels),)
+    return pages_for(markers, options.sheet, labels)
 
+
+_SHEET = partial(Exporter, holds="flat", sheet=True)
 
 EXPORTERS.register(".pdf")(
-    Exporter(
+    _SHEET(
         export_pdf,
         "to print, all pages; with layers and trim box",
-        holds="flat",
-        sheet=True,
         many_pages=True,
         rig_description="to print all plates, or a net (--net)",
     )
 )
 EXPORTERS.register(".svg")(
-    Exporter(
-        export_svg,
-        "to print or edit, one page",
-        holds="flat",
-        sheet=True,
-        rig_description="the same on one page, to edit",
-    )
+    _SHEET(export_svg, "to print or edit, one page", rig_description="the same on one page, to edit")
 )
 EXPORTERS.register(".png")(
-    Exporter(
+    _SHEET(
         export_png,
         "pixels, one page; see --dpi",
-        holds="flat",
-        sheet=True,
         check="markergen.exporters.png:check_image",
         rig_description="the same in pixels, see --dpi",
     )
@@ -119,17 +101,12 @@ def write_svg(sheet: Sheet, filled: bool = True) -> bytes:
     half-circle arcs with the even-odd rule for annuli. Numbers have 6 decimals (1 nm).
     """
     width, height = _number(sheet.paper.width), _number(sheet.paper.height)
-    root = Element(
-        "svg",
-        {
-            "xmlns": "http://www.w3.org/2000/svg",
-            "xmlns:inkscape": "http://www.inkscape.org/namespaces/inkscape",
-            "version": "1.1",
-            "width": f"{width}mm",
-            "height": f"{height}mm",
-            "viewBox": f"0 0 {width} {height}",
-        },
-    )
+    spaces = {
+        "xmlns": "http://www.w3.org/2000/svg",
+        "xmlns:inkscape": "http://www.inkscape.org/namespaces/inkscape",
+    }
+    size = {"width": f"{width}mm", "height": f"{height}mm", "viewBox": f"0 0 {width} {height}"}
+    root = Element("svg", {**spaces, "version": "1.1", **size})
     SubElement(root, "title").text = sheet.title
     SubElement(root, "desc").text = sheet.description
     if filled:
@@ -156,17 +133,15 @@ def _add(group: Element, shape: Shape, page: float) -> None:
         case Disk():
             rings = " ".join(_ring(shape.x, page - shape.y, r) for r in (shape.radius, shape.inner_radius))
             SubElement(group, "path", {**name, "d": rings, "fill": rgb(shape.color), "fill-rule": "evenodd"})
-        case Line() if (disk := _round(shape)) is not None:
-            x, y, radius = disk
-            circle = {"cx": _number(x), "cy": _number(page - y), "r": _number(radius), "fill": "none"}
-            stroke = {"stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
-            SubElement(group, "circle", {**name, **circle, **stroke})
         case Line():
             points = shape.points[:-1] if shape.closed else shape.points
-            steps = " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
-            stroke = {"stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
             kind = "polygon" if shape.closed else "polyline"
-            SubElement(group, kind, {**name, "points": steps, "fill": "none", **stroke})
+            measures = {"points": " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)}
+            if (disk := _round(shape)) is not None:
+                x, y, radius = disk
+                kind, measures = "circle", {"cx": _number(x), "cy": _number(page - y), "r": _number(radius)}
+            stroke = {"fill": "none", "stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
+            SubElement(group, kind, {**name, **measures, **stroke})
         case FilledPath():
             path = " ".join(
                 command + " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
@@ -207,14 +182,10 @@ def write_pdf(sheets: Sequence[Sheet]) -> bytes:
     """
     from reportlab.pdfbase.pdfdoc import PDFName
 
-    sizes = [page_size(sheet.paper) for sheet in sheets]
-    buffer = BytesIO()
-    canvas = bare_canvas(buffer, pageCompression=1, invariant=1)
+    sizes, first, buffer = [page_size(sheet.paper) for sheet in sheets], sheets[0], BytesIO()
+    canvas = bare_canvas(buffer, first.title, first.description, "print at 100 %")
     # Tiles are cut, and markers are laid face up.
     canvas._doc.Catalog.ViewerPreferences["Duplex"] = PDFName("Simplex")
-    first = sheets[0]
-    for name, value in metadata(first.title, first.description, "print at 100 %").items():
-        getattr(canvas, f"set{name.title()}")(value)
     groups = _layers(canvas, [layer.name for sheet in sheets for layer in sheet.scene.layers])
     for sheet, size in zip(sheets, sizes, strict=True):
         canvas.setPageSize(size)

@@ -15,7 +15,7 @@ from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
 from markergen.drawing.text import FACES, font_size, text_width, written
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, only
-from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
+from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, page_size, pdf_color
 from markergen.model.body_json import rig_name
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
@@ -138,9 +138,7 @@ def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions)
 def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
     """Write drawings one after another into one PDF, with its title and subject."""
     buffer = BytesIO()
-    canvas = bare_canvas(buffer, pagesize=page_size(parts[0].front.frame.paper), pageCompression=1, invariant=1)
-    for key, value in metadata(name, about).items():
-        getattr(canvas, f"set{key.capitalize()}")(value)
+    canvas = bare_canvas(buffer, name, about)
     number, count = 0, sum(sheets.count for sheets in parts)
     for sheets in parts:
         frame = sheets.front.frame
