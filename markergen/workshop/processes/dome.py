@@ -73,13 +73,15 @@ def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: flo
         bottom = round(dot.z - cutting.depth, 9)
         plug = dot.inner - gap if dot.inner else PLUG * dot.radius
         cut.append(cylinder(dot.x, dot.y, plug + gap, bottom, dot.z))
-        if dot.inner:
-            parts += [
-                Part(dot.name, "dark", (_half_ring(dot),)),
-                Part(f"{dot.name}-core", "light", (_core(dot, plug, bottom),)),
-            ]
+        r, inner, z = dot.radius, dot.inner, dot.z
+        if inner:
+            ring = _turned(dot, (inner, z), (r, z, acos(inner / r)), (inner, z + _rise(r, inner)))
+            over = (plug, z + _rise(r, plug), asin(plug / r))
+            core = _turned(dot, (0.0, bottom), (plug, bottom), over, (0.0, z + r))
+            parts += [Part(dot.name, "dark", (ring,)), Part(f"{dot.name}-core", "light", (core,))]
         else:
-            parts.append(Part(dot.name, "dark", (_half_ball(dot, plug, bottom),)))
+            half = _turned(dot, (0.0, bottom), (plug, bottom), (plug, z), (r, z, pi / 2), (0.0, z + r))
+            parts.append(Part(dot.name, "dark", (half,)))
     in_tag, tag_pockets = tag_inlays(marker, cutting)
     return Made(
         (*parts, *in_tag),
@@ -112,13 +114,19 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
         cut.append(cylinder(dot.x, dot.y, neck + gap, bottom, face))
         # Nor may the balls touch each other or the screws in the holes.
         prints.append(Footprint(dot.name, ((dot.x, dot.y),), dot.radius))
-        if dot.inner:
-            parts += [
-                Part(dot.name, "dark", (_ball_ring(dot),)),
-                Part(f"{dot.name}-core", "light", (_ball_core(dot, neck, dot.inner - gap, bottom),)),
-            ]
+        r, inner, z = dot.radius, dot.inner, dot.z
+        foot = ((0.0, bottom), (neck, bottom))
+        if inner:
+            half, rise = acos(inner / r), _rise(r, inner)
+            ring = _turned(dot, (inner, z - rise, half), (r, z, half), (inner, z + rise))
+            wide = inner - gap
+            under = (neck, z - _rise(r, neck), acos(neck / r) - acos(wide / r))
+            over = (wide, z + _rise(r, wide), asin(wide / r))
+            core = _turned(dot, *foot, under, (wide, z - _rise(r, wide)), over, (0.0, z + r))
+            parts += [Part(dot.name, "dark", (ring,)), Part(f"{dot.name}-core", "light", (core,))]
         else:
-            parts.append(Part(dot.name, "dark", (_ball(dot, neck, bottom),)))
+            ball = _turned(dot, *foot, (neck, z - _rise(r, neck), acos(neck / r)), (r, z, pi / 2), (0.0, z + r))
+            parts.append(Part(dot.name, "dark", (ball,)))
     check_apart(marker, plate_of(marker), prints, cutting.tool)
     return Made(
         tuple(parts),
@@ -129,43 +137,10 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     )
 
 
-def _half_ball(dot: SolidDot, plug: float, bottom: float) -> Revolved:
-    r, z = dot.radius, dot.z
-    points = ((0.0, bottom), (plug, bottom), (plug, z), (r, z), (0.0, z + r))
-    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, 0.0, tan(pi / 8), 0.0)))
-
-
-def _half_ring(dot: SolidDot) -> Revolved:
-    r, z = dot.radius, dot.z
-    points = ((dot.inner, z), (r, z), (dot.inner, z + _rise(r, dot.inner)))
-    return Revolved(dot.x, dot.y, Contour(points, (0.0, tan(acos(dot.inner / r) / 4), 0.0)))
-
-
-def _core(dot: SolidDot, radius: float, bottom: float) -> Revolved:
-    r, z = dot.radius, dot.z
-    points = ((0.0, bottom), (radius, bottom), (radius, z + _rise(r, radius)), (0.0, z + r))
-    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, tan(asin(radius / r) / 4), 0.0)))
-
-
-def _ball(dot: SolidDot, neck: float, bottom: float) -> Revolved:
-    r, z = dot.radius, dot.z
-    points = ((0.0, bottom), (neck, bottom), (neck, z - _rise(r, neck)), (r, z), (0.0, z + r))
-    bulges = (0.0, 0.0, tan(acos(neck / r) / 4), tan(pi / 8), 0.0)
-    return Revolved(dot.x, dot.y, Contour(points, bulges))
-
-
-def _ball_ring(dot: SolidDot) -> Revolved:
-    r, z, rise = dot.radius, dot.z, _rise(dot.radius, dot.inner)
-    half = tan(acos(dot.inner / r) / 4)
-    return Revolved(dot.x, dot.y, Contour(((dot.inner, z - rise), (r, z), (dot.inner, z + rise)), (half, half, 0.0)))
-
-
-def _ball_core(dot: SolidDot, neck: float, radius: float, bottom: float) -> Revolved:
-    r, z = dot.radius, dot.z
-    low, high = _rise(r, neck), _rise(r, radius)
-    points = ((0.0, bottom), (neck, bottom), (neck, z - low), (radius, z - high), (radius, z + high), (0.0, z + r))
-    under, over = acos(neck / r) - acos(radius / r), asin(radius / r)
-    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, tan(under / 4), 0.0, tan(over / 4), 0.0)))
+def _turned(dot: SolidDot, *corners: tuple[float, ...]) -> Revolved:
+    """Body of revolution about a dot's axis: radii and heights, and angles in rad of the arcs that begin there."""
+    bulges = (tan(corner[2] / 4) if len(corner) > 2 else 0.0 for corner in corners)
+    return Revolved(dot.x, dot.y, Contour(tuple((r, z) for r, z, *_ in corners), tuple(bulges)))
 
 
 def _rise(radius: float, within: float) -> float:
