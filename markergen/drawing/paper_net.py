@@ -40,6 +40,7 @@ from markergen.drawing.scene import (
 )
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
+from markergen.geometry.contour import area, backward
 from markergen.geometry.region import Region
 from markergen.model.body import Body
 from markergen.model.marker import Marker
@@ -111,11 +112,7 @@ def _plate_corners(body: Body, k: int) -> Array:
     contours = boundary.contours()
     if len(contours) != 1 or contours[0].has_arcs:
         return np.zeros((0, 2))
-    points = np.array(contours[0].points)
-    x, y = points.T
-    area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
-    # Shoelace formula: twice the area, positive if counterclockwise.
-    return points if area > 0 else points[::-1]
+    return np.array((contours[0] if area(contours[0]) > 0 else backward(contours[0])).points)
 
 
 def sheet_labels(body: Body) -> list[tuple[Shape, ...]]:

@@ -85,15 +85,14 @@ def pages_for(
         If a control point has no dot or lies off the plane, the paper is unknown or its margins leave no room, or a
         marker does not fit on it and may not be tiled.
     """
-    figures = [_figure(marker, options) for marker in markers]
-    if beside:
-        figures = [replace(figure, beside=labels) for figure, labels in zip(figures, beside, strict=True)]
+    labels = beside or [()] * len(markers)
+    figures = [replace(_figure(marker, options), beside=shapes) for marker, shapes in zip(markers, labels, strict=True)]
     if len(figures) == 1:
         return _pages(figures, [_place(figures[0], options, options.candidates())], options)
     candidates = options.candidates(ISO[ISO.index(USUAL) :])
     for _, same in groupby(candidates, lambda frame: {frame.paper.width, frame.paper.height}):
         frames = list(same)
-        places = [_whole(_reach_of(figure.outline, figure.quiet, options.colors), frames) for figure in figures]
+        places = [_whole(_reach_of(figure, options), frames) for figure in figures]
         pages = grid_pages(figures, options, frames)
         if pages or None not in places:
             return pages or _pages(figures, [place for place in places if place], options)
@@ -137,7 +136,7 @@ def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = Tr
             expected = f"a page for {count} markers {size_words(boundary)}"
             raise InputError(expected, f"{most.frame.paper} for {most.count}", "use .pdf, or a larger --paper")
         return
-    reach = _reach_of(box, (inf, inf, -inf, -inf), options.colors)
+    reach = _Reach(_sides(box), (-inf, -inf, -inf, -inf), options.colors.grounded)
     if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
         raise _too_small(reach, boundary, options, _TILES if many_pages else "write a .pdf, which can have tiles")
 
@@ -145,7 +144,7 @@ def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = Tr
 def fits(marker: Marker, options: SheetOptions) -> bool:
     """True if one page holds a marker; raises as `pages_for` does."""
     figure = _figure(marker, options)
-    return _whole(_reach_of(figure.outline, figure.quiet, options.colors), options.candidates()) is not None
+    return _whole(_reach_of(figure, options), options.candidates()) is not None
 
 
 def largest_disk(options: SheetOptions, beyond: float = 0.0) -> int:
@@ -196,7 +195,7 @@ def _smaller(boundary: Boundary, beyond: float, options: SheetOptions) -> str:
 
 
 def _fitting(figure: Figure, options: SheetOptions) -> str:
-    reach = _reach_of(figure.outline, figure.quiet, options.colors)
+    reach = _reach_of(figure, options)
     return _smaller(figure.marker.boundary, reach.beyond, options)
 
 
@@ -237,7 +236,7 @@ _Place = tuple[Frame, Point] | Tiling
 
 
 def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _Place:
-    reach = _reach_of(figure.outline, figure.quiet, options.colors)
+    reach = _reach_of(figure, options)
     place = _whole(reach, frames)
     if place is None and not options.tile:
         raise _too_small(reach, figure.marker.boundary, options)
@@ -283,10 +282,13 @@ def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, tiles: 
     return InputError(f"paper of at least {room} for a marker {size}", str(frame.paper), remedy)
 
 
-def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
-    """Extent of a marker whose outline and quiet zones fill these boxes (mm, marker frame)."""
-    sides = [(-box[0], -box[1], box[2], box[3]) for box in (outline, quiet)]
-    return _Reach(sides[0], sides[1], colors.grounded)
+def _reach_of(figure: Figure, options: SheetOptions) -> _Reach:
+    return _Reach(_sides(figure.outline), _sides(figure.quiet), options.colors.grounded)
+
+
+def _sides(box: Box) -> Box:
+    """Extent of a box from the origin."""
+    return -box[0], -box[1], box[2], box[3]
 
 
 def _needs(frame: Frame, reach: _Reach) -> Box:

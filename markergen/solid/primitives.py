@@ -12,7 +12,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.geometry import contour
-from markergen.geometry.contour import Contour, area, offset
+from markergen.geometry.contour import Contour, area, circle, offset
 
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top."""
@@ -53,6 +53,11 @@ class Prism:
     bottom: float
     top: float
     chamfer: float = 0.0
+
+    @property
+    def outline(self) -> Contour:
+        """Outline in plan view."""
+        return self.outer
 
     @property
     def box(self) -> Box:
@@ -98,6 +103,11 @@ class Revolved:
         """Smallest and largest radius."""
         inner, _, outer, _ = contour.box(self.profile)
         return inner, outer
+
+    @property
+    def outline(self) -> Contour:
+        """Outline in plan view."""
+        return circle(self.radii[1], self.x, self.y)
 
     @property
     def box(self) -> Box:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, circle, flattened
+from markergen.geometry.contour import Contour, area, flattened
 from markergen.model.body import Plate
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
@@ -159,10 +159,8 @@ def volume_of(block: Sequence[BlockFace]) -> float:
     """Volume in mm^3 of a block without its pockets, by the divergence theorem."""
     total = 0.0
     for face in block:
-        (x, y), (u, v) = np.array(face.corners).T, np.roll(face.corners, -1, axis=0).T
-        # Each face is the base of a pyramid to the origin: height times area / 3, and the shoelace sum is twice the
-        # area.
-        total += float(face.ring()[0] @ face.normal) * float(np.sum(x * v - u * y)) / 6
+        # Each face is the base of a pyramid to the origin.
+        total += float(face.ring()[0] @ face.normal) * area(Contour(face.corners)) / 3
     return total
 
 
@@ -339,8 +337,7 @@ def _inside(corners: Array, points: Array) -> Array:
 
 def _extent(body: Primitive, off: float = OFF) -> Array:
     """Points (m, 3) around a body, in mm, marker frame, with chords within a distance of its arcs."""
-    outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
-    flat = np.array(flattened(outer, off))
+    flat = np.array(flattened(body.outline, off))
     return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
 
 
@@ -369,8 +366,6 @@ def _overlap(plates: Sequence[BodyPart]) -> str:
     hulls = [_hull(plate.pieces[0]) for plate in plates]
     middles = np.array([points.mean(axis=0) for points, _, _ in hulls])
     sizes = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points, _, _ in hulls])
-    # Separating axes: two convex bodies are apart if they are so along a normal of a face of either, or along a
-    # direction perpendicular to an edge of each.
     for a, b in combinations(range(len(plates)), 2):
         if np.linalg.norm(middles[a] - middles[b]) >= sizes[a] + sizes[b]:
             continue

@@ -7,7 +7,7 @@ from math import hypot, pi, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Mask
+from markergen.arrays import Array
 from markergen.drawing.figure import FLAT
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point
@@ -15,8 +15,6 @@ from markergen.model.marker import Marker
 from markergen.model.tag import Tag, cell_outlines, to_plane
 from markergen.solid.primitives import mm
 from markergen.units import format_length
-
-Labels = NDArray[np.int64]
 
 QUARTER = tan(pi / 8)
 """Bulge of an arc of 90 degrees."""
@@ -130,12 +128,15 @@ class TagInk:
 
 def tag_pieces(tag: Tag | None) -> tuple[TagInk, ...]:
     """Pieces of a tag's ink, the lower left one first; cells that touch only at a corner are separate."""
+    import cv2
+
     if tag is None:
         return ()
     rings = cell_outlines(tag.ink)
     visits = Counter(point for ring in rings for point in map(tuple, ring.tolist()))
     pieces: dict[int, list[tuple[Corner, ...]]] = {}
-    labels = _labels(tag.ink)
+    # scipy.ndimage takes longer to import than a small solid to build.
+    labels = cv2.connectedComponents(tag.ink.astype(np.uint8), connectivity=4)[1]
     for ring in rings:
         # Cell outlines have the ink on their right.
         walk = ring[::-1]
@@ -156,29 +157,11 @@ def cell_of(tag: Tag) -> float:
 
 
 def _piece(rings: list[tuple[Corner, ...]]) -> TagInk:
-    def extent(ring: tuple[Corner, ...]) -> float:
-        return max(corner.x for corner in ring) - min(corner.x for corner in ring)
-
-    outer = max(rings, key=extent)
+    outer = max(rings, key=lambda ring: max(corner.x for corner in ring) - min(corner.x for corner in ring))
     return TagInk(outer, tuple(ring for ring in rings if ring is not outer))
 
 
-def _labels(ink: Mask) -> Labels:
-    """Number of each black cell's piece, connected by sides; 0 for white cells.
-
-    Importing scipy.ndimage takes longer than building a small solid.
-    """
-    labels = np.pad(np.where(ink, np.arange(1, ink.size + 1).reshape(ink.shape), 0), 1)
-    inner = labels[1:-1, 1:-1]
-    while True:
-        around = np.maximum.reduce([inner, labels[:-2, 1:-1], labels[2:, 1:-1], labels[1:-1, :-2], labels[1:-1, 2:]])
-        spread = np.where(ink, around, 0)
-        if np.array_equal(spread, inner):
-            return np.array(inner)
-        inner[:] = spread
-
-
-def _beside(ring: np.ndarray, labels: Labels) -> int:
+def _beside(ring: Array, labels: NDArray[np.int32]) -> int:
     """Label of the black cells to the right of an outline's first side; rows count downward."""
     (x, y), (u, v) = ring[0], ring[1]
     length = hypot(u - x, v - y)

@@ -94,8 +94,7 @@ def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]
 
 def plan(body: Primitive) -> Region:
     """Filled outline of a body in plan view."""
-    outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
-    return Region.of_contour(outer, (), OFF)
+    return Region.of_contour(body.outline, (), OFF)
 
 
 def _end(body: Primitive, side: int) -> float:

@@ -25,7 +25,7 @@ from markergen.drawing.scene import (
     turned,
 )
 from markergen.drawing.text import SHIFT, text, text_width
-from markergen.geometry.contour import Contour, flattened
+from markergen.geometry.contour import Contour, area, flattened
 from markergen.geometry.region import Region
 from markergen.workshop.drafting.drawing import ViewFace
 
@@ -149,9 +149,9 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     fill = FILLS.get(face.material, WHITE) if not hatched else WHITE
     rings = [view.trace(contour) for contour in face.contours]
     # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
-    filled = (
-        _directed(ring, sum(inside(ring[0], outer) for outer in rings if outer is not ring) % 2 == 0) for ring in rings
-    )
+    outer = [sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0 for ring in rings]
+    turns = [area(contour) > 0 for contour in face.contours]
+    filled = (r if turn == whole else r[::-1] for r, turn, whole in zip(rings, turns, outer, strict=True))
     shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
     if hatched:
         return shapes + hatching(face, view, style or Style())
@@ -347,8 +347,3 @@ def _extension(start: Point, end: Point, style: Style) -> list[Shape]:
     ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
     off, beyond = OFF * style.scale, BEYOND * style.scale
     return [Line(((start[0] + off * ux, start[1] + off * uy), (end[0] + beyond * ux, end[1] + beyond * uy)), THIN)]
-
-
-def _directed(points: Sequence[Point], counterclockwise: bool) -> list[Point]:
-    area = sum(x * v - u * y for (x, y), (u, v) in pairwise((*points, points[0])))
-    return list(points) if (area > 0) == counterclockwise else list(points)[::-1]
