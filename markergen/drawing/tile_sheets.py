@@ -112,19 +112,26 @@ class Cuts:
     places: tuple[float, ...]
     cut: int
 
-    @property
-    def tiles(self) -> int:
-        """Number of tiles along the axis."""
-        return len(self.places) + 1
-
 
 @dataclass(frozen=True)
 class Tile:
-    """Tile: row from the top, column from the left, both from 0, and its part of the figure after trimming."""
+    """Tile of a figure.
+
+    Attributes
+    ----------
+    row, column, number : int
+        Row from the top and column from the left, both from 0, and the number of the tile from 1.
+    box : Box
+        Part of the figure after trimming.
+    seams : tuple of bool
+        True for each side, left, lower, right and upper, that has a neighbor.
+    """
 
     row: int
     column: int
+    number: int
     box: Box
+    seams: tuple[bool, bool, bool, bool]
 
     def holds(self, x: float, y: float) -> bool:
         """True if a point of the figure is on this tile; a point on a seam belongs to exactly one tile."""
@@ -156,12 +163,12 @@ class Tiling:
     @property
     def columns(self) -> int:
         """Number of columns."""
-        return self.across.tiles
+        return len(self.across.places) + 1
 
     @property
     def rows(self) -> int:
         """Number of rows."""
-        return self.upward.tiles
+        return len(self.upward.places) + 1
 
     @property
     def layout_words(self) -> str:
@@ -181,17 +188,19 @@ class Tiling:
         xs = (left, *self.across.places, right)
         ys = (top, *reversed(self.upward.places), bottom)
         return tuple(
-            Tile(row, column, (xs[column], ys[row + 1], xs[column + 1], ys[row]))
+            Tile(
+                row,
+                column,
+                row * self.columns + column + 1,
+                (xs[column], ys[row + 1], xs[column + 1], ys[row]),
+                (column > 0, row < self.rows - 1, column < self.columns - 1, row > 0),
+            )
             for row, column in product(range(self.rows), range(self.columns))
         )
 
-    def seams_of(self, tile: Tile) -> tuple[bool, bool, bool, bool]:
-        """True for each side of a tile, left, lower, right and upper, that has a neighbor."""
-        return tile.column > 0, tile.row < self.rows - 1, tile.column < self.columns - 1, tile.row > 0
-
     def printed(self, tile: Tile) -> Box:
         """Part of the figure printed on a tile: the tile, extended by half the overlap at each seam."""
-        half, (left, below, right, above) = self.overlap / 2, self.seams_of(tile)
+        half, (left, below, right, above) = self.overlap / 2, tile.seams
         box = tile.box
         return box[0] - half * left, box[1] - half * below, box[2] + half * right, box[3] + half * above
 
@@ -201,7 +210,7 @@ class Tiling:
         With a seam on only one side, that seam is as far inside the window as possible, so that the margin beyond it
         stays free for the marker.
         """
-        box, window, seams = self.printed(tile), self.window, self.seams_of(tile)
+        box, window, seams = self.printed(tile), self.window, tile.seams
         shifts = []
         for axis in (0, 1):
             low, high = window[axis] - box[axis], window[axis + 2] - box[axis + 2]
@@ -356,7 +365,7 @@ def registration(tiles: Tiling, figure: Figure, lines: Sequence[Line], color: st
     ink = ink_points(lines)
     crosses: list[Line] = []
     for tile in tiles.tiles:
-        _, below, right, _ = tiles.seams_of(tile)
+        _, below, right, _ = tile.seams
         for wanted, axis, place in ((right, 1, tile.box[2]), (below, 0, tile.box[1])):
             if not wanted:
                 continue
@@ -445,26 +454,21 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple
     dx, dy = tiles.shift(tile)
     placed = moved_layers(_part(tiles, tile, layers), dx, dy)
     box = tile.box[0] + dx, tile.box[1] + dy, tile.box[2] + dx, tile.box[3] + dy
-    seams = tiles.seams_of(tile)
-    crops = _crop_marks(tiles, box, seams)
-    drawn = {**placed, "marks": (*placed["marks"], *crops)}
-    strip, lengths = _strip(figure, tiles, tile, drawn, seams, page)
-    number = tile.row * tiles.columns + tile.column + 1
+    drawn = {**placed, "marks": (*placed["marks"], *_crop_marks(tiles, box, tile.seams))}
+    strip, lengths = _strip(figure, tiles, tile, drawn, page)
+    edges = (0.0, 0.0, paper.width, paper.height)
+    left, bottom, right, top = (at if seam else edge for at, seam, edge in zip(box, tile.seams, edges, strict=True))
     return Sheet(
         paper,
         scene_of([drawn, strip]),
         ((dx, dy),),
         lengths,
         marker_name(figure.marker),
-        f"Tile {number} of {len(tiles.tiles)}, row {tile.row + 1}, column {tile.column + 1}, of a fiducial marker with "
-        f"{len(figure.marker)} dots, {size_words(figure.marker.boundary)}, at true size on {paper}. Print at 100 %.",
+        f"Tile {tile.number} of {len(tiles.tiles)}, row {tile.row + 1}, column {tile.column + 1}, of a fiducial marker "
+        f"with {len(figure.marker)} dots, {size_words(figure.marker.boundary)}, at true size on {paper}. "
+        "Print at 100 %.",
         (),
-        (
-            box[0] if seams[0] else 0.0,
-            box[1] if seams[1] else 0.0,
-            box[2] if seams[2] else paper.width,
-            box[3] if seams[3] else paper.height,
-        ),
+        (left, bottom, right, top),
     )
 
 
@@ -489,7 +493,7 @@ def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
                 elif tile.holds(x, y):
                     part[name].append(shape)
         elif name == "ground":
-            seams = [BLEED if seam else 0.0 for seam in tiles.seams_of(tile)]
+            seams = [BLEED if seam else 0.0 for seam in tile.seams]
             part[name] = list(clipped(shapes, (left - seams[0], bottom - seams[1], right + seams[2], top + seams[3])))
         else:
             part[name] = list(clipped(shapes, window))
@@ -504,27 +508,19 @@ def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -
     # In the overlap beyond where seams meet; otherwise at the end of the window.
     low_y, high_y = (box[1] - half if seams[1] else bottom), (box[3] + half if seams[3] else top)
     low_x, high_x = (box[0] - half if seams[0] else left), (box[2] + half if seams[2] else right)
+    names = ("left", "below", "right", "above")
     marks: list[Shape] = []
-    for side, name in ((0, "left"), (2, "right")):
-        if seams[side]:
-            x = box[side]
-            marks.append(Line(((x, low_y), (x, low_y + length)), HAIRLINE, f"crop-{name}-below"))
-            marks.append(Line(((x, high_y - length), (x, high_y)), HAIRLINE, f"crop-{name}-above"))
-    for side, name in ((1, "below"), (3, "above")):
-        if seams[side]:
-            y = box[side]
-            marks.append(Line(((low_x, y), (low_x + length, y)), HAIRLINE, f"crop-{name}-left"))
-            marks.append(Line(((high_x - length, y), (high_x, y)), HAIRLINE, f"crop-{name}-right"))
+    for side in (side for side in (0, 2, 1, 3) if seams[side]):
+        upright, at = side % 2 == 0, box[side]
+        low, high = (low_y, high_y) if upright else (low_x, high_x)
+        for end, a, b in ((1 - side % 2, low, low + length), (3 - side % 2, high - length, high)):
+            points = ((at, a), (at, b)) if upright else ((a, at), (b, at))
+            marks.append(Line(points, HAIRLINE, f"crop-{names[side]}-{names[end]}"))
     return marks
 
 
 def _strip(
-    figure: Figure,
-    tiles: Tiling,
-    tile: Tile,
-    drawn: Layers,
-    seams: tuple[bool, bool, bool, bool],
-    page: tuple[int, int],
+    figure: Figure, tiles: Tiling, tile: Tile, drawn: Layers, page: tuple[int, int]
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
     """Draw a tile's rulers beside it and at the foot of the page, and the strip that identifies it."""
     frame, scale = tiles.frame, tiles.frame.scale
@@ -544,33 +540,25 @@ def _strip(
     )
     sides: list[tuple[Box, int]] = [((left, bottom, left + band, top), 1), ((right - band, bottom, right, top), -1)]
     # Next to a seam the ruler stands where it is cut off or covered.
-    if not seams[0]:
+    if not tile.seams[0]:
         sides.reverse()
     y_length, (y_marks, y_text) = place_ruler(
         sides, 1, band_scale, figure.factor[1], dots, [*others, *ground], "ruler-y"
     )
     lengths = (x_length, y_length)
     remedy = draw_remedy(frame, lengths, figure.record, base - 1.7 * scale, 1.4 * scale)
-    columns = facts(frame, _facts(figure, tiles, tile, lengths, seams, page), frame.margin, "tile")
+    columns = facts(frame, _facts(figure, tiles, tile, lengths, page), frame.margin, "tile")
     return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *remedy, *columns)}, lengths
 
 
-def _facts(
-    figure: Figure,
-    tiles: Tiling,
-    tile: Tile,
-    lengths: tuple[int, int],
-    seams: tuple[bool, bool, bool, bool],
-    page: tuple[int, int],
-) -> list[Column]:
-    count = len(tiles.tiles)
-    number = tile.row * tiles.columns + tile.column + 1
-    edges = " and ".join(name for name, seam in (("left", seams[0]), ("top", seams[3])) if seam)
+def _facts(figure: Figure, tiles: Tiling, tile: Tile, lengths: tuple[int, int], page: tuple[int, int]) -> list[Column]:
+    number = f"tile {tile.number} of {len(tiles.tiles)}"
+    edges = " and ".join(name for name, seam in (("left", tile.seams[0]), ("top", tile.seams[3])) if seam)
     here = [
         point for point, dot in zip(figure.marker.control_points, figure.dots, strict=True) if tile.holds(dot.x, dot.y)
     ]
     columns: list[Column] = [
-        ("number", f"row {tile.row + 1}, column {tile.column + 1}", (f"tile {number} of {count}",), "bold"),
+        ("number", f"row {tile.row + 1}, column {tile.column + 1}", (number,), "bold"),
         ("page", tiles.frame.paper.name, (f"page {page[0]} of {page[1]}",), "regular"),
         ("spec", "spec", (marker_name(figure.marker).removeprefix("markergen-"),), "regular"),
         *tag_column([figure.marker]),
@@ -672,7 +660,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     tags = [((left + right) / 2, (low + high) / 2, right - left) for left, low, right, high in squares]
     around = [(*at(x, y), 0.6 * small * side) for x, y, side in tags]
     disks = np.concatenate([disks, np.array(around).reshape(-1, 3), np.column_stack([points, np.ones(len(points))])])
-    for number, tile in enumerate(tiles.tiles, 1):
+    for tile in tiles.tiles:
         (x0, y0), (x1, y1) = at(*tile.box[:2]), at(*tile.box[2:])
         label = f"row {tile.row + 1}, column {tile.column + 1}"
         height = min(5 * scale, (y1 - y0) / 4, (x1 - x0) / 4)
@@ -682,8 +670,8 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         xs, ys = (x0 + pad, (x0 + x1 - wide) / 2, x1 - pad - wide), (y1 - pad - high, (y0 + y1 - high) / 2, y0 + pad)
         places = [(x, y) for y in ys for x in xs]
         x, y = max(places, key=lambda place: min(_gap(place, (wide, high), disks), 0.0))
-        texts.append(text(str(number), x, y + 2.2 * fine, height, face="bold", name=f"plan-tile-{number}"))
-        texts.append(text(label, x, y, fine, color=GRAY, name=f"plan-tile-{number}-label"))
+        texts.append(text(str(tile.number), x, y + 2.2 * fine, height, face="bold", name=f"plan-tile-{tile.number}"))
+        texts.append(text(label, x, y, fine, color=GRAY, name=f"plan-tile-{tile.number}-label"))
     return marks, texts
 
 
