@@ -91,6 +91,11 @@ def canonical_contours(
     return contours
 
 
+def polygon(ring: Array) -> Contour:
+    """Contour of straight lines through corners (m, 2)."""
+    return Contour(tuple((x, y) for x, y in ring.tolist()))
+
+
 def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
     """Polygons (m, 2) in m of contours with the region to their left, within `TOLERANCE`, or 1e-4 of their size.
 

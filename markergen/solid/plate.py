@@ -25,6 +25,7 @@ from markergen.geometry.contour import (
     placed,
     turns_of,
 )
+from markergen.geometry.outlines import polygon
 from markergen.geometry.region import Region, pairwise_distances
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
@@ -250,9 +251,7 @@ def _separate(contours: Sequence[Contour]) -> list[Outline]:
     if any(contour.has_arcs for contour in contours):
         return grouped(contours)
     pieces = Region.enclosed([contour.points for contour in contours]).oriented().pieces
-    return [
-        tuple(Contour(tuple((x, y) for x, y in np.round(ring, 9).tolist())) for ring in piece.rings) for piece in pieces
-    ]
+    return [tuple(polygon(np.round(ring, 9)) for ring in piece.rings) for piece in pieces]
 
 
 def _rounded(contour: Contour, radius: float) -> Contour:

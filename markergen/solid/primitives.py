@@ -236,6 +236,11 @@ def mm(meters: float) -> float:
     return round(meters * 1e3, 9) + 0.0
 
 
+def at_height(points: Array, z: float) -> Array:
+    """Points (m, 3) of a plane (m, 2) at a height."""
+    return np.column_stack([points, np.full(len(points), z)])
+
+
 def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner: float = 0.0) -> Revolved:
     """Vertical cylinder; a tube if it has an inner radius."""
     return Revolved(x, y, Contour(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))

@@ -19,7 +19,7 @@ from markergen.model.body import Plate
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, mm
+from markergen.solid.primitives import OFF, BodyPart, Part, PosedPart, Primitive, Prism, at_height, mm
 from markergen.units import format_length
 from markergen.workshop.processes import FACE_DOWN, Made, parts_of
 
@@ -71,8 +71,7 @@ class BlockFace:
 
     def ring(self) -> Array:
         """Corners (m, 3) in the rig frame."""
-        flat = np.column_stack([self.corners, np.full(len(self.corners), self.height)])
-        return flat @ np.array(self.rotation).T + np.array(self.translation)
+        return at_height(np.array(self.corners), self.height) @ np.array(self.rotation).T + np.array(self.translation)
 
 
 @dataclass(frozen=True)
@@ -141,10 +140,8 @@ def block_of(rig: Rig) -> tuple[BlockFace, ...]:
         contours = plate.marker.boundary.contours()
         if len(contours) > 1 or contours[0].has_arcs or len(contours[0].points) > MOST_CORNERS:
             return ()
-        flat = 1e3 * np.array(contours[0].points)
-        rings.append(
-            np.column_stack([flat, np.zeros(len(flat))]) @ plate.rotation_matrix.T + 1e3 * plate.translation_vector
-        )
+        flat = at_height(1e3 * np.array(contours[0].points), 0.0)
+        rings.append(flat @ plate.rotation_matrix.T + 1e3 * plate.translation_vector)
     vertices, index = _vertices(np.concatenate(rings))
     loops = np.split(index, np.cumsum([len(ring) for ring in rings])[:-1])
     bare = _bare(loops, vertices)
@@ -338,7 +335,7 @@ def _inside(corners: Array, points: Array) -> Array:
 def _extent(body: Primitive, off: float = OFF) -> Array:
     """Points (m, 3) around a body, in mm, marker frame, with chords within a distance of its arcs."""
     flat = np.array(flattened(body.outline, off))
-    return np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in body.span])
+    return np.concatenate([at_height(flat, z) for z in body.span])
 
 
 def check_no_overlap(made: MadeBody, body: Marker | Rig) -> None:
@@ -389,12 +386,11 @@ def _hull(piece: PosedPart) -> tuple[Array, Array, Array]:
     flat = _extent(body, COARSE)[:, :2]
     ring = flat[ConvexHull(flat).vertices]
     steps = np.roll(ring, -1, axis=0) - ring
-    along = np.column_stack([steps / np.linalg.norm(steps, axis=1, keepdims=True), np.zeros(len(ring))])
+    along = at_height(steps / np.linalg.norm(steps, axis=1, keepdims=True), 0.0)
     up = np.array([[0.0, 0.0, 1.0]])
-    corners = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in body.span])
     to_rig = np.array(piece.rotation).T
     return (
-        piece.to_body(corners),
+        piece.to_body(np.concatenate([at_height(ring, z) for z in body.span])),
         np.concatenate([up, np.cross(along, up)]) @ to_rig,
         np.concatenate([up, along]) @ to_rig,
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from markergen.drawing.text import text, text_width
 from markergen.geometry.contour import Contour, Point, center_of
+from markergen.geometry.outlines import polygon
 from markergen.geometry.region import Region
 from markergen.model.marker import ControlPoint, Marker, marker_name
 from markergen.solid.plate import grouped
@@ -192,8 +193,7 @@ def _axes(unit: float) -> _Block:
     ]
     (corners,) = Region.union(strokes).oriented().rings
     letter = _lines(("x",), end + 3 * unit, 0.8 * unit, max(3 * unit, SMALLEST_ID))
-    arrow = Contour(tuple((x, y) for x, y in corners.tolist()))
-    return _Block((arrow, *letter.contours), (-arm, -arm, letter.box[2], arm))
+    return _Block((polygon(corners), *letter.contours), (-arm, -arm, letter.box[2], arm))
 
 
 def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:

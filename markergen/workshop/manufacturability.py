@@ -99,12 +99,7 @@ def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[SolidDot]) -> 
 
 
 def check_dots(dots: Sequence[SolidDot], tool: Tool, gap: float = 0.0) -> None:
-    """Refuse dots, rings and cores that are too narrow for the tool.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse dots, rings and cores that are too narrow for the tool."""
     for dot in dots:
         sizes = [(dot.name, "diameter", 2 * dot.radius, tool.size, True)]
         if dot.inner:
@@ -123,12 +118,7 @@ def check_dots(dots: Sequence[SolidDot], tool: Tool, gap: float = 0.0) -> None:
 
 
 def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
-    """Refuse mounting and dowel holes narrower than the tool, unless another tool drills them.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse mounting and dowel holes narrower than the tool, unless another tool drills them."""
     for hole in holes if tool.own_wall else ():
         size = mm(hole.diameter)
         if size < tool.size - ROUNDING:
@@ -146,10 +136,6 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
     ----------
     corner : float
         Radius of the tag's corners, mm; adjoining corners are rounded more (see `TagInk.contours`).
-
-    Raises
-    ------
-    InputError
     """
     if marker.tag is None:
         return
@@ -169,12 +155,7 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
 
 
 def check_apart(marker: Marker, plate: SolidPlate, footprints: Sequence[Footprint], tool: Tool) -> None:
-    """Refuse footprints less than a wall apart, or less than a wall from a hole or the plate's edge.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse footprints less than a wall apart, or less than a wall from a hole or the plate's edge."""
     others = [*footprints, *plate.hole_footprints]
     between = gaps(footprints, others)
     if between.size and between.min() < tool.wall - ROUNDING:

@@ -23,7 +23,7 @@ from markergen.geometry.region import Region
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved
+from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved, at_height
 from markergen.workshop.assembly import designed, made_of
 from markergen.workshop.formats.solids import Designed, designed_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
@@ -135,7 +135,8 @@ def welded(part: Part | BodyPart, corners: Array, marked: NDArray[np.bool_], gri
     triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
     order = np.lexsort(triangles.T[::-1])
     # On the grid a very short edge may have collapsed to a point.
-    order = order[_proper(triangles[order])]
+    a, b, c = triangles[order].T
+    order = order[(a != b) & (b != c) & (c != a)]
     if not is_closed(triangles[order]):
         raise failed(part.name, "gaps")
     up = np.array(part.pieces[0].rotation)[:, 2]
@@ -212,12 +213,6 @@ def grid_of(points: Array) -> float:
     return 2.0 ** max(FINEST, ceil(log2(np.abs(points).max())) - 22)
 
 
-def _proper(triangles: Indices) -> NDArray[np.bool_]:
-    """Tell which triangles have three different corners."""
-    a, b, c = triangles.T
-    return (a != b) & (b != c) & (c != a)
-
-
 def _walls_of(part: Part, tolerance: float, face_only: bool) -> Iterator[Array]:
     """Yield triangles (m, 3, 3) of all surfaces that are not level."""
     for body, sign, _ in list(signed_bodies(part))[face_only:]:
@@ -230,9 +225,10 @@ def _prism_walls(body: Prism, tolerance: float) -> Iterator[Array]:
     for contour in (body.outer, *body.holes):
         ring = _ring(contour, contour, tolerance)
         slanted = bool(body.chamfer) and contour is body.outer
-        yield _strip(_at(ring, body.bottom), _at(ring, rim if slanted else body.top))
+        yield _strip(at_height(ring, body.bottom), at_height(ring, rim if slanted else body.top))
         if slanted:
-            yield _strip(_at(ring, rim), _at(_ring(offset(contour, body.chamfer), contour, tolerance), body.top))
+            inner = _ring(offset(contour, body.chamfer), contour, tolerance)
+            yield _strip(at_height(ring, rim), at_height(inner, body.top))
 
 
 def _revolved_walls(body: Revolved, tolerance: float) -> Iterator[Array]:
@@ -241,7 +237,7 @@ def _revolved_walls(body: Revolved, tolerance: float) -> Iterator[Array]:
         if not bulge and (max(r, u) < SAME or abs(z - w) < SAME):
             continue  # on the axis, or level
         rings = _meridian(side, tolerance) if bulge else [(r, z, _count(r, tolerance)), (u, w, _count(u, tolerance))]
-        points = [_at(_circle(body.x, body.y, radius, count), height) for radius, height, count in rings]
+        points = [at_height(_circle(body.x, body.y, radius, count), height) for radius, height, count in rings]
         for low, high in pairwise(points):
             yield _strip(low, high)
 
@@ -307,10 +303,6 @@ def _ring(contour: Contour, like: Contour, tolerance: float) -> Array:
     x, y, radius = whole
     ring = _circle(x, y, radius, _count(model[2], tolerance))
     return ring if contour.bulges[0] > 0 else ring[::-1]
-
-
-def _at(ring: Array, height: float) -> Array:
-    return np.column_stack([ring, np.full(len(ring), height)])
 
 
 def _strip(low: Array, high: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.geometry.contour import Contour, Point, circle, flattened, offset
+from markergen.geometry.outlines import polygon
 from markergen.geometry.region import Region
 from markergen.solid.primitives import OFF, OTHER, SAME, Box, Part, Primitive, Prism, Revolved
 from markergen.workshop.drafting.drawing import ViewFace
@@ -222,4 +223,4 @@ def _pieces(region: Region) -> list[Region]:
 
 
 def _contours(region: Region) -> tuple[Contour, ...]:
-    return tuple(Contour(tuple((x, y) for x, y in ring.tolist())) for ring in region.rings)
+    return tuple(map(polygon, region.rings))

@@ -240,20 +240,11 @@ def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[
 def tolerance_tables(
     made: Made, datums: Sequence[Datum], general: str, holes: Sequence[PlateHole]
 ) -> tuple[DrawingTable, ...]:
-    """Tables of the datums, if any, of all tolerances, and of fits, if any."""
-    return (
-        *([_datum_table(datums)] if datums else []),
-        _tolerance_table(made, datums, general),
-        *_fit_table(made, holes),
-    )
-
-
-def _datum_table(datums: Sequence[Datum]) -> DrawingTable:
-    """Datum features, and where they are in the marker frame."""
+    """Tables of the datums, of all tolerances, and of fits, if any."""
     rows = tuple((datum.letter, datum.text, datum.place) for datum in datums)
-    return DrawingTable(
-        "Datums, and the marker frame in them", ("datum", "feature", "marker frame, exact"), rows, (0, 1, 2)
-    )
+    headings = ("datum", "feature", "marker frame, exact")
+    features = DrawingTable("Datums, and the marker frame in them", headings, rows, (0, 1, 2))
+    return (features, _tolerance_table(made, datums, general), *_fit_table(made, holes))
 
 
 def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> DrawingTable:
@@ -319,7 +310,7 @@ def callouts_of(
     """Callouts of the dots, the holes, outlines that need one, recesses and the tag."""
     return (
         *_dot_callouts(dots_of(marker), fabrication, made, datums),
-        *_hole_callouts(holes, made, datums, _box(marker)),
+        *_hole_callouts(holes, made, datums, union(*(box(outer) for outer, *_ in plate_of(marker).outlines))),
         *_outline_callouts(marker, made, datums),
         *_recess_callouts(made, datums),
         *_tag_callout(marker),
@@ -358,11 +349,6 @@ def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot
     off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
     ring = f" / {DIAMETER}{core}" if inner else ""
     return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
-
-
-def _box(marker: Marker) -> Box:
-    """Box around the plates."""
-    return union(*(box(outer) for outer, *_ in plate_of(marker).outlines))
 
 
 def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:

@@ -27,13 +27,14 @@ from markergen.arrays import Array
 from markergen.drawing.paper import Frame, SheetOptions
 from markergen.drawing.scene import GRAY, Box, Line, Point, Shape, closed_line
 from markergen.drawing.text import text_width
-from markergen.geometry.contour import Contour, flattened
+from markergen.geometry.contour import flattened
+from markergen.geometry.outlines import polygon
 from markergen.model.body import Plate
 from markergen.model.body_json import rig_name
 from markergen.model.boundary import Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.rig import Rig
-from markergen.solid.primitives import OFF, Prism
+from markergen.solid.primitives import OFF, Prism, at_height
 from markergen.workshop.assembly import BlockFace, MadeBody
 from markergen.workshop.dot_geometry import dots_of
 from markergen.workshop.drafting.content import workpiece
@@ -312,14 +313,12 @@ def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigV
     right /= np.linalg.norm(right)
     axes = (right, np.cross(toward, right), toward)
     flat = np.stack(axes[:2], axis=1)
-    names = tuple(
-        _name(
-            plate.name, 1e3 * plate.to_body(_flat(np.concatenate(plate.marker.boundary.outlines()))) @ flat, plate, flat
-        )
-        for plate in rig.markers
-        if plate.rotation_matrix[:, 2] @ toward > SHOWN
-    )
-    return RigView("picture", "seen from a corner, not to scale", _projected(axes, rig, made), names)
+    names = []
+    for plate in rig.markers:
+        if plate.rotation_matrix[:, 2] @ toward > SHOWN:
+            rim = at_height(np.concatenate(plate.marker.boundary.outlines()), 0.0)
+            names.append(_name(plate.name, 1e3 * plate.to_body(rim) @ flat, plate, flat))
+    return RigView("picture", "seen from a corner, not to scale", _projected(axes, rig, made), tuple(names))
 
 
 def _name(
@@ -339,10 +338,6 @@ def _name(
         middle = places[int(np.argmax(np.round(room.min(axis=1), 6)))]
     x, y = middle
     return FaceName(label, (float(x), float(y)), float(np.ptp(ring[:, 0])), controls, datum)
-
-
-def _flat(points: Array) -> Array:
-    return np.column_stack([points, np.zeros(len(points))])
 
 
 def _projected(axes: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> tuple[ViewFace, ...]:
@@ -373,7 +368,7 @@ def _plates(plate: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[f
         if not piece.part.is_plate or part.name.rpartition("/")[0] != plate.name or not isinstance(body, Prism):
             continue
         ring = np.array(flattened(body.outer, OFF))
-        ends = [piece.to_body(np.column_stack([ring, np.full(len(ring), z)])) for z in body.span]
+        ends = [piece.to_body(at_height(ring, z)) for z in body.span]
         depth = float(np.concatenate(ends).mean(axis=0) @ toward)
         points = np.concatenate(ends) @ flat
         faces.append(_face(points[ConvexHull(points).vertices]))
@@ -386,7 +381,7 @@ def _plates(plate: Plate, made: MadeBody, flat: Array, toward: Array) -> tuple[f
 
 
 def _face(ring: Array, material: str = "light", fine: bool = False) -> ViewFace:
-    return ViewFace((Contour(tuple(map(tuple, ring.tolist()))),), material, fine=fine)
+    return ViewFace((polygon(ring),), material, fine=fine)
 
 
 def _ink(plate: Plate, flat: Array) -> list[ViewFace]:
@@ -396,16 +391,15 @@ def _ink(plate: Plate, flat: Array) -> list[ViewFace]:
     faces = []
 
     def add(points: Array, height: float, material: str) -> None:
-        local = np.column_stack([points, np.full(len(points), height)])
-        faces.append(_face(1e3 * plate.to_body(local / 1e3) @ flat, material, fine=True))
+        faces.append(_face(1e3 * plate.to_body(at_height(points, height) / 1e3) @ flat, material, fine=True))
 
     for dot in dots_of(plate.marker):
         add([dot.x, dot.y] + dot.radius * circle, dot.z, "dark")
         if dot.inner:
             add([dot.x, dot.y] + dot.inner * circle, dot.z, "light")
     if plate.marker.tag is not None:
-        rings = [1e3 * plate.to_body(_flat(ring)) @ flat for ring in plate.marker.tag.outlines]
-        faces.append(ViewFace(tuple(Contour(tuple(map(tuple, ring.tolist()))) for ring in rings), "dark", fine=True))
+        rings = [1e3 * plate.to_body(at_height(ring, 0.0)) @ flat for ring in plate.marker.tag.outlines]
+        faces.append(ViewFace(tuple(map(polygon, rings)), "dark", fine=True))
     return faces
 
 
@@ -546,13 +540,11 @@ def rig_page(work: RigWork, options: SheetOptions) -> FrontPage:
 
 def _page(work: RigWork, frame: Frame) -> FrontPage | None:
     """Draw at the largest scale that fits on a page; None if there is none."""
-    room, style = drawing_area(frame), Style(frame.scale)
-    left, bottom, right, top = room
+    style, (left, bottom, right, top) = Style(frame.scale), drawing_area(frame)
     for scale in SCALES:
         columns, rows = _grid(work, scale, style, first_angle(frame.paper))
-        wide, high = sum(columns.values()), sum(rows.values())
-        if wide <= right - left and high <= top - bottom:
-            return FrontPage(frame, scale, (0.0, 0.0), tuple(_draw(work, scale, style, room, columns, rows, frame)))
+        if sum(columns.values()) <= right - left and sum(rows.values()) <= top - bottom:
+            return FrontPage(frame, scale, (0.0, 0.0), tuple(_draw(work, scale, frame)))
         boxes = [around(view.faces) for view in work.views]
         if max(scale * max(box[2] - box[0], box[3] - box[1]) for box in boxes) < SMALLEST:
             return None
@@ -562,12 +554,6 @@ def _page(work: RigWork, frame: Frame) -> FrontPage | None:
 def _place(view: RigView, first: bool) -> tuple[int, int]:
     column, row = PLACES[view.place]
     return (column, row) if first or column == 2 else (-column, -row)
-
-
-def _head(view: RigView, style: Style) -> float:
-    """Width of the words and the tolerance frames above a view."""
-    names_width = max((_named(name, style) for name in view.names if name.controls), default=0.0)
-    return max(names_width, text_width(view.text, style.words))
 
 
 def _named(name: FaceName, style: Style) -> float:
@@ -583,7 +569,8 @@ def _grid(work: RigWork, scale: float, style: Style, first: bool) -> tuple[dict[
     for view in work.views:
         column, row = _place(view, first)
         left, bottom, right, top = around(view.faces)
-        columns[column] = max(columns.get(column, 0.0), max(scale * (right - left), _head(view, style)) + side)
+        heads = [text_width(view.text, style.words), *(_named(name, style) for name in view.names if name.controls)]
+        columns[column] = max(columns.get(column, 0.0), max(scale * (right - left), *heads) + side)
         rows[row] = max(rows.get(row, 0.0), scale * (top - bottom) + above)
     return columns, rows
 
@@ -593,18 +580,10 @@ def _air(style: Style) -> tuple[float, float]:
     return 10.5 * style.scale, 26 * style.scale
 
 
-def _draw(
-    work: RigWork,
-    scale: float,
-    style: Style,
-    room: Box,
-    columns: dict[int, float],
-    rows: dict[int, float],
-    frame: Frame,
-) -> list[Shape]:
+def _draw(work: RigWork, scale: float, frame: Frame) -> list[Shape]:
     shapes: list[Shape] = []
-    left, bottom, right, top = room
-    first = first_angle(frame.paper)
+    style, (left, bottom, right, top), first = Style(frame.scale), drawing_area(frame), first_angle(frame.paper)
+    columns, rows = _grid(work, scale, style, first)
     spare = right - left - sum(columns.values()), top - bottom - sum(rows.values())
     gap = spare[0] / (len(columns) + 1), spare[1] / (len(rows) + 1)
     side, above = _air(style)

@@ -552,8 +552,9 @@ def _room(
     places = [place for callout in callouts for place in (*callout.places, *callout.area)]
     circles = np.array([(*view.at((x, y)), view.scale * r) for x, y, r in places])
     segments = np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2)
-    around_features = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
-    return _Room(view, column, 1.4 * style.words, style, around_features, segments)
+    # Words by their circumscribed circles.
+    words = np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in marks]).reshape(-1, 3)
+    return _Room(view, column, 1.4 * style.words, style, np.concatenate([circles.reshape(-1, 3), words]), segments)
 
 
 def place_callouts(callouts: Sequence[Callout], room: _Room) -> list[Shape]:
@@ -759,8 +760,3 @@ def _along_axis(run: Run, view: DrawingView) -> int:
 
 def _crossings(run: Run, others: Sequence[Run]) -> int:
     return int(np.sum(line_distances(run, others) < 0.5)) if others else 0
-
-
-def _as_circles(boxes: Sequence[Box]) -> Array:
-    """Circumscribed circles of boxes."""
-    return np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in boxes]).reshape(-1, 3)

@@ -14,6 +14,7 @@ from markergen.drawing.scene import Disk
 from markergen.exporters import ExportOptions, Output, only, without_paper
 from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.geometry.contour import box as contour_box
+from markergen.geometry.outlines import polygon
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
@@ -93,7 +94,7 @@ def write_dxf(marker: Marker) -> bytes:
     cut += [opening.contour for opening in openings(designed)]
     paths = [(CUT, _path(contour)) for contour in cut]
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
-    paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
+    paths += [(ENGRAVE, _path(polygon(ring))) for ring in (designed.tag.outlines if designed.tag else ())]
     paths += _told(designed)
     box = _box(np.array([point for layer, path in paths if layer == CUT for point in _extent(path)]))
     return _write(designed, CutDrawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
@@ -210,10 +211,6 @@ def _circles(dot: Disk) -> list[Contour]:
     return [circle(radius, dot.x, dot.y) for radius in (dot.radius, dot.inner_radius) if radius]
 
 
-def _polygon(ring: Array) -> Contour:
-    return Contour(tuple((x, y) for x, y in _mm(ring).tolist()))
-
-
 def _round(path: Contour) -> tuple[float, float, float] | None:
     """Center and radius of a path of two semicircles."""
     if (whole := path.as_circle) is None:
@@ -234,8 +231,3 @@ def _extent(path: Contour) -> list[tuple[float, float]]:
 
 def _box(points: Array) -> Array:
     return np.stack([points.min(axis=0), points.max(axis=0)])
-
-
-def _mm(meters: Any) -> Any:
-    # Whole picometers, so that 0.0036 m becomes 3.6 and not 3.5999999999999996.
-    return np.round(np.asarray(meters) * 1e3, 9)

@@ -355,29 +355,21 @@ def _paragraph_style(kind: str, style: Style) -> Any:
     """Style of a ``heading``, of a numbered ``note``, or of a table's ``cell`` whose words wrap."""
     from reportlab.lib.styles import ParagraphStyle
 
+    size, face, line, after = (style.small, "regular", 1.85, 0.5)
     if kind == "heading":
-        size = _heading_size(style)
-        type_size, leading, space = _points(font_size(size, "bold"), 1.5 * size, 0.9 * size)
-        return ParagraphStyle(
-            kind,
-            fontName=_font("bold"),
-            fontSize=type_size,
-            leading=leading,
-            spaceAfter=space,
-        )
-    size = style.small
-    type_size, leading, indent, after = _points(font_size(size), 1.85 * size, 5 * style.scale, 0.5 * size)
+        size, face, line, after = (_heading_size(style), "bold", 1.5, 0.9)
+    type_size, leading, indent, space = _points(font_size(size, face), line * size, 5 * style.scale, after * size)
     return ParagraphStyle(
         kind,
-        fontName=_font("regular"),
+        fontName=_font(face),
         fontSize=type_size,
         leading=leading,
         textColor=pdf_color(BLACK),
         leftIndent=indent if kind == "note" else 0,
-        spaceAfter=after,
+        spaceAfter=space,
         allowWidows=0,
         allowOrphans=0,
-        bulletFontName=_font("regular"),
+        bulletFontName=_font(face),
         bulletFontSize=type_size,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle
+from markergen.geometry.outlines import polygon
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
@@ -122,8 +123,8 @@ def _lands(plate: SolidPlate) -> list[tuple[Footprint, Contour]]:
         else:
             shape = Region.of_contour(contour, (), OFF)
             (ring,) = shape.offset(LAND, "miter").filled().oriented().rings
-            corners = tuple(map(tuple, np.round(ring[::-1], 9).tolist()))
-            land, edge = Footprint("a drawn hole", tuple(map(tuple, shape.rings[0].tolist())), LAND), Contour(corners)
+            corners = tuple(map(tuple, shape.rings[0].tolist()))
+            land, edge = Footprint("a drawn hole", corners, LAND), polygon(np.round(ring[::-1], 9))
         lands.append((land, edge))
     return lands
 
@@ -162,7 +163,7 @@ def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, Region]]:
         return [(disk, Region.of_contour(disk, (), OFF))]
     sheet = Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter").oriented()
     whole = [piece.filled().oriented() for piece in sheet.pieces]
-    return [(Contour(tuple(map(tuple, np.round(piece.rings[0], 9).tolist()))), piece) for piece in whole]
+    return [(polygon(np.round(piece.rings[0], 9)), piece) for piece in whole]
 
 
 def _mm(meters: Any) -> Any:
