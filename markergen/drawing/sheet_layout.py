@@ -48,11 +48,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker, marker_name
 
-_AWAY = "The marker's origin is not on the sheet; see the coordinates in marker.json."
-
 _TILES = "leave out --no-tile"
-
-_ONE = "A {} file has one page; a .pdf fills pages of A4, or of another --paper."
 
 USUAL = find_paper("A4")
 """Paper that most printers hold: several markers go on pages of it, and a marker that needs more is told so."""
@@ -120,7 +116,8 @@ def one_page(
                 raise
             continue
         if len(pages) == 1:
-            return pages[0] if named else replace(pages[0], notes=(*pages[0].notes, _ONE.format(suffix)))
+            note = f"A {suffix} file has one page; a .pdf fills pages of A4, or of another --paper."
+            return pages[0] if named else replace(pages[0], notes=(*pages[0].notes, note))
     fit = f"; {_fitting(_figure(markers[0], options), options)}" if len(markers) == 1 else ""
     raise InputError(
         f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", f"use .pdf, or a larger --paper{fit}"
@@ -195,8 +192,7 @@ def _smaller(boundary: Boundary, beyond: float, options: SheetOptions) -> str:
 
 
 def _fitting(figure: Figure, options: SheetOptions) -> str:
-    reach = _reach_of(figure, options)
-    return _smaller(figure.marker.boundary, reach.beyond, options)
+    return _smaller(figure.marker.boundary, _reach_of(figure, options).beyond, options)
 
 
 @dataclass(frozen=True)
@@ -334,6 +330,9 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
     below, lengths = draw_footer(frame, [figure], placed, page)
     size = size_words(figure.marker.boundary)
     paper = frame.paper
+    notes = [*_single_notes(figure, options, paper, lengths, artwork.nameless), *artwork.notes]
+    if not around_origin(room):
+        notes.append("The marker's origin is not on the sheet; see the coordinates in marker.json.")
     return Sheet(
         paper,
         scene_of([placed, below]),
@@ -341,9 +340,7 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
         lengths,
         marker_name(figure.marker),
         f"Fiducial marker with {len(figure.marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _single_notes(figure, options, paper, lengths, artwork.nameless)
-        + artwork.notes
-        + (() if around_origin(room) else (_AWAY,)),
+        tuple(notes),
         (0.0, 0.0, paper.width, paper.height),
     )
 
