@@ -185,8 +185,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
                  for copy, verdict in zip(copies, verdicts, strict=True) for finding in verdict.findings]  # fmt: skip
     return Check(
         "", reading.kind, count, sum(len(verdict.used) > 0 for verdict in verdicts), worst.largest,
-        None if worst.worst is None else ids[worst.worst], worst.scale,
-        reading.papers or tuple(page.size for page in reading.pages),
+        worst.worst, worst.scale, reading.papers or tuple(page.size for page in reading.pages),
         tolerance, (*findings, *of_copies), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 

@@ -72,7 +72,7 @@ class Verdict:
     largest : float
         Largest distance in m between a dot and its position in marker.json; nan if the dots could not be matched.
     worst : int or None
-        Its index.
+        Its id.
     scale : (x, y)
         Ratio of distances between dots in the file to those in marker.json, along the marker's axes; nan if unknown.
     motion : Motion or None
@@ -140,7 +140,7 @@ def judge(
     if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
         sentence = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
         return Verdict(
-            distance[worst] / 1e3, int(here[worst]), scale, (Finding("another marker", sentence),), None, NOTHING
+            distance[worst] / 1e3, names[worst], scale, (Finding("another marker", sentence),), None, NOTHING
         )
     if is_scaled and _resized(matched, expected.take(here), factor):
         times = f"{factor:.4f}".rstrip("0")
@@ -151,7 +151,7 @@ def judge(
         findings.append(Finding("missing", f"{listed_ids(missing)} missing", AGAIN))
     findings += _features(names, matched, expected.take(here), factor, bent, tol, DIAMETER[pixels])
     return Verdict(
-        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), motion, labels.indices[here], tuple(names)
+        distance[worst] / 1e3, names[worst], scale, tuple(findings), motion, labels.indices[here], tuple(names)
     )
 
 

@@ -240,7 +240,7 @@ def _guesses(
     distance = _nearest(dots.centers, factor[:, None] * source[check] + offset[:, None])[0]
     reached = np.sum(distance < reach, axis=-1)
     order = np.lexsort((np.minimum(distance, reach).sum(axis=-1), -reached))[:KEPT]
-    return [(complex(factor[k]), complex(offset[k])) for k in order]
+    return list(zip(factor[order].tolist(), offset[order].tolist(), strict=True))
 
 
 def _spread(points: Array) -> Indices:

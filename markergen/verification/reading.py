@@ -169,16 +169,12 @@ READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification
 """Readers by suffix, dot included."""
 
 
-def known_suffix(path: Path) -> str:
-    """Longest suffix of a path that `READERS` knows, or its last one."""
-    parts = path.name.lower().split(".")[1:]
-    suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
-    return next((suffix for suffix in suffixes if suffix in READERS.names()), "." + parts[-1] if parts else path.name)
-
-
 def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
-    return READERS[known_suffix(path)]
+    parts = path.name.lower().split(".")[1:]
+    suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
+    known = (suffix for suffix in suffixes if suffix in READERS.names())
+    return READERS[next(known, "." + parts[-1] if parts else path.name)]
 
 
 def with_markers(body: Body, change: Callable[[Marker], Marker]) -> Body:

@@ -308,14 +308,15 @@ def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, bod
     tolerance = LISTED if settings.tolerance is None else settings.tolerance
     recorded = [text.removeprefix(RECORD) for text in tree.comments if text.startswith(RECORD)]
     tree.comments = [text for text in tree.comments if not text.startswith(RECORD)]
-    of_plate, notes = list[Finding](), list[str]()
+    dots = 0 if suffix == ".apriltag.yaml" else len(body.xyz)
+    of_plate, notes = list[Finding](), [] if dots else ["it holds the tag alone, and no dots"]
     choices = list(dict.fromkeys([settings.fabrication, Fabrication()]))
     if recorded:
         asked, remade_body = _recorded(recorded[0], body, name)
         choices = [asked]
         if any(new.marker is not old.marker for new, old in zip(remade_body.plates, body.plates, strict=True)):
-            of_plate, notes = _of_another_plate(body, remade_body)
-            body = remade_body
+            of_plate, of_thickness = _of_another_plate(body, remade_body)
+            notes, body = notes + of_thickness, remade_body
     exporter, checks = EXPORTERS[suffix], []
     if not exporter.purpose(body.frame):
         wanted, remedy = f"a sheet or a solid of a {body.frame}", "verify it against the one marker in it"
@@ -328,8 +329,6 @@ def _verified(suffix: str, kind: str, parse: Parser, data: bytes, name: str, bod
     check = min(checks, key=lambda check: len(check.findings))
     if tree.meshes and not recorded and not check.passed:
         notes.append("it records no options of its export: give those that it was made with, such as --process cnc")
-    dots = 0 if suffix == ".apriltag.yaml" else len(body.xyz)
-    notes += ["it holds the tag alone, and no dots"] if not dots else []
     return replace(
         check, dots=dots, copies=1, tolerance=tolerance, pages=(None,), findings=(*of_plate, *check.findings),
         notes=(*notes, *check.notes), scale=(1.0, 1.0) if dots and check.passed else check.scale,

@@ -62,11 +62,6 @@ class Solid:
         """Round rims, of each object by itself."""
         return joined([rims_of(mesh.corners) for mesh in self.objects])
 
-    @property
-    def is_named(self) -> bool:
-        """True if it has names or colors."""
-        return any(mesh.name or mesh.color for mesh in self.objects)
-
     def _dark(self) -> Mask | None:
         """Whether each triangle is dark, where those without a color are light; None if none has one."""
         lightness = []

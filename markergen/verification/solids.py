@@ -87,7 +87,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     asked = settings.fabrication if recorded is None else recorded
     usual, body = body, _on_plate(body, lengths)
     best = partial(best_wanted, asked=asked, recorded=recorded is not None, corners=solid.shell.corners,
-                   bare=not solid.is_named)  # fmt: skip
+                   bare=not any(mesh.name or mesh.color for mesh in solid.objects))  # fmt: skip
     try:
         choices = best(body)
     except (InputError, OutputError) as error:
@@ -202,8 +202,7 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
         verdict = judge(expected, ids, dots, tolerance)
     else:
         verdict = Verdict(np.nan, None, (np.nan, np.nan), (), Motion(np.eye(2), np.zeros(2)), NOTHING)
-    worst = None if verdict.worst is None else ids[verdict.worst]
-    base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, worst, verdict.scale,
+    base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, verdict.worst, verdict.scale,
                  findings=verdict.findings)  # fmt: skip
     if verdict.motion is None or base.kinds & UNTAGGED:
         return base
