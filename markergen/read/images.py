@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,14 +85,6 @@ class Image:
     notes: tuple[str, ...] = ()
 
 
-class _Header(NamedTuple):
-    """Properties of an image as its file states them."""
-
-    size: tuple[int, int]
-    format: str
-    orientation: int
-
-
 def read_image(path: Path) -> Image:
     """Read an 8- or 16-bit image, grey or color, with the sensor's rows and columns whatever its EXIF orientation.
 
@@ -107,7 +99,7 @@ def read_image(path: Path) -> Image:
     data = _content(path)
     try:
         with quiet:
-            header = _examine(path, data)
+            (width, height), form, orientation = _examine(path, data)
             pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None:
             raise ValueError("damaged data")
@@ -121,17 +113,16 @@ def read_image(path: Path) -> Image:
     if pixels.dtype not in (np.uint8, np.uint16):
         remedy = "convert the image to 8 or 16 bit grey"
         raise InputError(f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", remedy)
-    if pixels.shape[1::-1] != header.size:
-        width, height = header.size
+    if pixels.shape[1::-1] != (width, height):
         expected = f"{width}x{height} px in {path}, as its header says"
         raise InputError(expected, f"{pixels.shape[1]}x{pixels.shape[0]} px", "export the image again")
-    if header.format == "TIFF":
-        pixels = _UNDO.get(header.orientation, _UNDO[1])(pixels)
+    if form == "TIFF":
+        pixels = _UNDO[orientation](pixels)
     transparent = _transparent(pixels)
-    if transparent and header.format == "TIFF":
+    if transparent and form == "TIFF":
         # Decoders disagree on whether its colors are premultiplied by opacity.
         raise InputError(f"an opaque image in {path}", "a transparent TIFF", "remove the transparency, or use PNG")
-    notes = [ORIENTATION_NOTE] * (header.orientation != 1) + [TRANSPARENCY_NOTE] * transparent
+    notes = [ORIENTATION_NOTE] * (orientation != 1) + [TRANSPARENCY_NOTE] * transparent
     return Image(decoded_levels(pixels), tuple(notes))
 
 
@@ -308,8 +299,8 @@ def _orientation(image: "PillowImage") -> int:
     return orientation if orientation in _UNDO else 1
 
 
-def _examine(path: Path, data: bytes) -> _Header:
-    """Read an image to its end and return its header; raises if it is damaged or of an unsuitable size."""
+def _examine(path: Path, data: bytes) -> tuple[tuple[int, int], str, int]:
+    """Read an image to its end: size, format and orientation; raises if it is damaged or of an unsuitable size."""
     from PIL import UnidentifiedImageError
 
     try:
@@ -337,16 +328,16 @@ def _examine(path: Path, data: bytes) -> _Header:
             if image.format == "PNG":
                 # EXIF may follow the pixels: finding it reads them, and would swallow an error.
                 image.load()
-            header = _Header(image.size, str(image.format), _orientation(image))
+            form, orientation = str(image.format), _orientation(image)
             image.load()
     except UnidentifiedImageError:
         problem, remedy = "another format or depth", "convert the image to PNG"
         if _HEIC.match(data):
             problem, remedy = "a HEIC file, which is not read", _NO_HEIC.format("it")
         raise InputError(f"a {_KNOWN} image of 8 or 16 bits in {path}", problem, remedy) from None
-    if header.format == "PNG":
+    if form == "PNG":
         _check_chunks(data)
-    return header
+    return (width, height), form, orientation
 
 
 def _check_chunks(data: bytes) -> None:

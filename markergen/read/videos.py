@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -109,7 +109,7 @@ def open_video(source: str | Path | int, size: tuple[int, int] | None = None) ->
         live,
         rate if 0 < rate <= 1000 else None,
         int(count) if count > 0 and not live else None,
-        (TURN_NOTE,) if turned else (),
+        [TURN_NOTE] if turned else [],
         capture,
     )
 
@@ -170,6 +170,7 @@ def silent_opencv() -> Iterator[None]:
         logging.setLogLevel(before)
 
 
+@dataclass(eq=False, repr=False)
 class Video:
     """An open video, camera or stream, whose frames are read in a thread of their own; iterate once, then close.
 
@@ -187,18 +188,15 @@ class Video:
         Number of frames dropped so far.
     """
 
-    def __init__(
-        self,
-        name: str,
-        live: bool,
-        rate: float | None,
-        count: int | None,
-        notes: tuple[str, ...],
-        capture: "VideoCapture",
-    ) -> None:
-        self.name, self.live, self.rate, self.count, self.notes = name, live, rate, count, list(notes)
-        self.dropped = 0
-        self._capture = capture
+    name: str
+    live: bool
+    rate: float | None
+    count: int | None
+    notes: list[str]
+    _capture: "VideoCapture"
+    dropped: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
         self._changed = threading.Condition()
         self._ready = deque[VideoFrame]()
         self._ended = self._closed = False
