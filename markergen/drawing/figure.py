@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from markergen.drawing.paper import MARKER_FILE
-from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, Shape, mapped_path, union
+from markergen.drawing.scene import Box, Disk, FilledPath, Point, Shape, filled, mapped_path, union
 from markergen.errors import InputError
 from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
@@ -76,8 +76,9 @@ class Figure:
 
     @cached_property
     def quiet(self) -> Box:
-        """Bounding box of the dots' quiet zones."""
-        return quiet_box(self.dots)
+        """Bounding box of the dots' quiet zones; the origin if there are no dots."""
+        circles = [(dot.x, dot.y, quiet_radius(dot)) for dot in self.dots] or [(0.0, 0.0, 0.0)]
+        return union(*((x - r, y - r, x + r, y + r) for x, y, r in circles))
 
 
 def marker_dots(marker: Marker) -> tuple[Disk, ...]:
@@ -120,11 +121,7 @@ def marker_tag(marker: Marker) -> tuple[FilledPath, ...]:
     """
     if marker.tag is None:
         return ()
-    segments: list[Segment] = []
-    for outline in marker.tag.outlines:
-        points = [(_mm(x), _mm(y)) for x, y in outline.tolist()]
-        segments += [("M", (points[0],)), *(("L", (point,)) for point in points[1:]), ("Z", ())]
-    return (FilledPath(tuple(segments), "tag"),)
+    return (filled([[(_mm(x), _mm(y)) for x, y in outline.tolist()] for outline in marker.tag.outlines], "tag"),)
 
 
 def quiet_radius(disk: Disk) -> float:
@@ -137,16 +134,6 @@ def drawn_box(boundary: Boundary, factor: Point = (1.0, 1.0)) -> Box:
     points = np.concatenate(boundary.outlines()) * 1e3 * factor
     (left, bottom), (right, top) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return left, bottom, right, top
-
-
-def quiet_box(dots: tuple[Disk, ...]) -> Box:
-    """Bounding box of the dots' quiet zones; the origin if there are no dots."""
-    return (
-        min((dot.x - quiet_radius(dot) for dot in dots), default=0.0),
-        min((dot.y - quiet_radius(dot) for dot in dots), default=0.0),
-        max((dot.x + quiet_radius(dot) for dot in dots), default=0.0),
-        max((dot.y + quiet_radius(dot) for dot in dots), default=0.0),
-    )
 
 
 def dot_sizes(marker: Marker) -> str:

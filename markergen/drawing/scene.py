@@ -256,7 +256,15 @@ def closed_line(points: Sequence[Point], width: float, name: str = "", color: st
 
 def polygon(points: Sequence[Point], name: str, color: str) -> FilledPath:
     """Filled polygon."""
-    return FilledPath(_ring(points), name, color)
+    return filled([points], name, color)
+
+
+def filled(rings: Iterable[Sequence[Point]], name: str, color: str = BLACK) -> FilledPath:
+    """Filled path of polygons, whose holes run opposite to the outlines around them."""
+    segments: list[Segment] = []
+    for first, *others in rings:
+        segments += [("M", (first,)), *(("L", (point,)) for point in others), ("Z", ())]
+    return FilledPath(tuple(segments), name, color)
 
 
 def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
@@ -278,9 +286,8 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
                 suffix = f"-part-{number}" if number > 1 else ""
                 yield replace(shape, points=_points(run), name=shape.name + suffix)
             continue
-        rings = [_ring(_points(ring)) for ring in (_region(shape) & window).rings]
-        if rings:
-            yield FilledPath(tuple(segment for ring in rings for segment in ring), shape.name, shape.color)
+        if rings := (_region(shape) & window).rings:
+            yield filled(map(_points, rings), shape.name, shape.color)
 
 
 def _region(shape: Disk | FilledPath) -> Region:
@@ -301,8 +308,3 @@ def _region(shape: Disk | FilledPath) -> Region:
 
 def _points(ring: Array) -> tuple[Point, ...]:
     return tuple((x, y) for x, y in ring.tolist())
-
-
-def _ring(points: Sequence[Point]) -> tuple[Segment, ...]:
-    first, *others = points
-    return ("M", (first,)), *(("L", (point,)) for point in others), ("Z", ())

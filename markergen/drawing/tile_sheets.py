@@ -43,17 +43,16 @@ from markergen.drawing.scene import (
     LIGHT,
     Box,
     Disk,
-    FilledPath,
     Line,
     Point,
     Shape,
     Sheet,
     bounds,
     clipped,
+    filled,
     frame_lines,
     ink_points,
     moved_layers,
-    polygon,
     rectangle,
     scene_of,
     union,
@@ -635,12 +634,10 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
 
     marks: list[Shape] = []
     for dot in figure.dots:
-        segments = polygon(_circle(at(dot.x, dot.y), small * dot.radius), "", PALE).segments
+        rings = [_circle(at(dot.x, dot.y), small * dot.radius)]
         if dot.inner_radius:
-            # Paths are filled by nonzero winding, so a hole turns the other way.
-            hole = _circle(at(dot.x, dot.y), small * dot.inner_radius)[::-1]
-            segments += polygon(hole, "", PALE).segments
-        marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
+            rings.append(_circle(at(dot.x, dot.y), small * dot.inner_radius)[::-1])
+        marks.append(filled(rings, f"plan-{dot.name}", PALE))
     squares = [bounds(shape) for shape in figure.tag]
     marks += [rectangle((*at(*box[:2]), *at(*box[2:])), "plan-tag", PALE) for box in squares]
     edges = [

@@ -19,6 +19,7 @@ from markergen.drawing.scene import (
     Shape,
     bounds,
     closed_line,
+    filled,
     frame_lines,
     polygon,
     rectangle,
@@ -151,8 +152,8 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
     outer = [sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0 for ring in rings]
     turns = [area(contour) > 0 for contour in face.contours]
-    filled = (r if turn == whole else r[::-1] for r, turn, whole in zip(rings, turns, outer, strict=True))
-    shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
+    ways = (r if turn == whole else r[::-1] for r, turn, whole in zip(rings, turns, outer, strict=True))
+    shapes: list[Shape] = [filled(ways, "", fill)]
     if hatched:
         return shapes + hatching(face, view, style or Style())
     if face.material == "engraved":
