@@ -156,7 +156,7 @@ def dome_figure(
         RMS ``rotation``, deg, and ``translation``, mm; unknown or unbounded where it is not finite.
     outlines, dots : sequences
         What the cameras look at, in the form described in dome.js.
-    words : sequence of str
+    remarks : sequence of str
         More about each pose.
     """
     from jinja2.utils import htmlsafe_json_dumps

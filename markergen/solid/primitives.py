@@ -177,8 +177,7 @@ class Part:
     @property
     def span(self) -> tuple[float, float]:
         """Lowest and highest z."""
-        lows, highs = zip(*(body.span for body in self.add), strict=True)
-        return min(lows), max(highs)
+        return span_of(self.add)
 
     @property
     def volume(self) -> float:
@@ -246,9 +245,9 @@ def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner
     return Revolved(x, y, Contour(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
 
 
-def span_of(parts: Sequence[Part]) -> tuple[float, float]:
-    """Lowest and highest z of several parts."""
-    lows, highs = zip(*(part.span for part in parts), strict=True)
+def span_of(bodies: Sequence[Part | Primitive]) -> tuple[float, float]:
+    """Lowest and highest z of several parts or bodies."""
+    lows, highs = zip(*(body.span for body in bodies), strict=True)
     return min(lows), max(highs)
 
 

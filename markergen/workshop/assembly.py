@@ -119,8 +119,9 @@ def made_of(body: Marker | Rig, fabrication: Fabrication) -> MadeBody:
         return _as_block(body, block, fabrication)
     plates = tuple(_named(plate, lambda marker: parts_of(marker, fabrication)) for plate in body.plates)
     parts = [
-        BodyPart(f"{plate.name}/{part.name}", part.material, (_piece(plate, part),), part.volume)
+        BodyPart(f"{plate.name}/{part.name}", part.material, (PosedPart(part, plate.rotation, place),), part.volume)
         for plate, made in zip(body.plates, plates, strict=True)
+        for place in [tuple(map(mm, plate.translation))]
         for part in made.parts
     ]
     return MadeBody(tuple(parts), plates, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
@@ -159,10 +160,6 @@ def volume_of(block: Sequence[BlockFace]) -> float:
         # Each face is the base of a pyramid to the origin.
         total += float(face.ring()[0] @ face.normal) * area(Contour(face.corners)) / 3
     return total
-
-
-def _piece(plate: Plate, part: Part) -> PosedPart:
-    return PosedPart(part, plate.rotation, tuple(mm(value) for value in plate.translation))
 
 
 def _vertices(points: Array) -> tuple[Array, NDArray[np.intp]]:

@@ -410,9 +410,7 @@ def _dot_section(dot: SolidDot, title: str, made: Made) -> SectionView:
         tall[face, high] = f"({millimeters(high - face)})"
     aside = wide + max(3.0, 0.2 * wide)
     box = (x - aside, low, x + aside, high)
-    across = tuple(
-        Dimension(x - r, x + r, label) for r, label in sorted(_diameters(dot, made, pockets, pillars).items())
-    )
+    across = tuple(_across(x, r, label) for r, label in sorted(_diameters(dot, made, pockets, pillars).items()))
     return SectionView(title, cut_along(parts, y, box), box, across, height_dimensions(tall), (x,))
 
 
@@ -471,9 +469,10 @@ def _hole_sections(holes: Sequence[PlateHole], made: Made) -> list[SectionView]:
         box = (hole.x - aside, low, hole.x + aside, 0.0)
         faces = cut_along(made.parts, hole.y, box)
         top = max((face.box[3] for face in faces), default=0.0)
-        across = [_across(hole, hole.radius, f" {hole.limits.words}" if hole.limits else "")]
+        limits = f" {hole.limits.words}" if hole.limits else ""
+        across = [_across(hole.x, hole.radius, f"{diameter(2 * hole.radius)}{limits}")]
         if hole.sink:
-            across.append(_across(hole, hole.sink, " x 90\xb0"))
+            across.append(_across(hole.x, hole.sink, f"{diameter(2 * hole.sink)} x 90\xb0"))
         sections[hole.radius, hole.sink] = SectionView(
             f"Section through hole {hole.label}, {use_words(hole)}",
             faces,
@@ -485,8 +484,8 @@ def _hole_sections(holes: Sequence[PlateHole], made: Made) -> list[SectionView]:
     return list(sections.values())
 
 
-def _across(hole: PlateHole, radius: float, more: str) -> Dimension:
-    return Dimension(hole.x - radius, hole.x + radius, f"{diameter(2 * radius)}{more}")
+def _across(x: float, radius: float, label: str) -> Dimension:
+    return Dimension(x - radius, x + radius, label)
 
 
 def _edge_section(marker: Marker, made: Made) -> list[SectionView]:

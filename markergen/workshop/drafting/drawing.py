@@ -1,6 +1,6 @@
 """Content of a fabrication drawing as plain data in mm: views of a solid, its sections, its parts and the text.
 
-Independent of the representation of solids: `markergen.solid` fills it in, `fabrication_views` draws it.
+Independent of the representation of solids: `content` fills it in, `views` and `details` draw it.
 """
 # tests: tests/workshop/drafting/test_content.py tests/workshop/drafting/test_rig_drawing.py
 

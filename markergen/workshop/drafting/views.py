@@ -723,7 +723,8 @@ def _best(callout: Callout, room: _Room, tops: Sequence[float], runs: Sequence[R
     for length, trial, circle in sorted(candidates, key=lambda candidate: candidate[0]):
         if best and length >= best.cost:
             break
-        cost = length + room.cost_of(trial.run, circle) + CROSSED * _crossings(trial.run, runs)
+        crossed = int(np.sum(line_distances(trial.run, runs) < 0.5)) if runs else 0
+        cost = length + room.cost_of(trial.run, circle) + CROSSED * crossed
         if best is None or cost < best.cost:
             best = replace(trial, cost=cost)
     return best
@@ -756,7 +757,3 @@ def _along_axis(run: Run, view: DrawingView) -> int:
     axis = view.at((0.0, 0.0))[1]
     legs = ((run[0], run[1]), (run[1], run[2]))
     return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 4 and abs(b[0] - a[0]) > 5 for a, b in legs)
-
-
-def _crossings(run: Run, others: Sequence[Run]) -> int:
-    return int(np.sum(line_distances(run, others) < 0.5)) if others else 0

@@ -84,7 +84,7 @@ class Collision:
         Width, depth and height of a box, or radius and length of a cylinder; m.
     center : array (3,)
         m.
-    turn : array (3, 3)
+    rotation : array (3, 3)
     mesh : Shown or None
         What is seen, for the shape of its convex hull.
     """
@@ -211,38 +211,31 @@ def _sites(body: Body) -> Iterator[Site]:
 
 def _collisions(work: Designed, parts: Sequence[Mesh], visuals: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
-    made = work.made
+    made, (low, high) = work.made, _box(parts[:1] if work.made.block else parts)
+    size, middle = high - low, (low + high) / 2
     if work.subject.frame == "marker":
-        low, high = _box(parts)
-        size, middle = high - low, (low + high) / 2
-        if [plate.is_disk for plate in made.made[0].plates] == [True]:
-            yield Collision("collision", "cylinder", (size[0] / 2, size[2]), middle, np.eye(3))
-        else:
-            yield Collision("collision", "box", tuple(size), middle, np.eye(3))
-        return
-    if made.block:
-        low, high = _box(parts[:1])
-        if np.isclose(np.prod(high - low), 1e-9 * volume_of(made.block), rtol=1e-6):
-            yield Collision("collision", "box", tuple(high - low), (low + high) / 2, np.eye(3))
-            return
+        yield _simple("collision", size, middle, np.eye(3), [plate.is_disk for plate in made.made[0].plates] == [True])
+    elif not made.block:
+        for part in made.parts:
+            piece = part.pieces[0]
+            if piece.part.is_plate:
+                (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
+                middle = piece.to_body(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
+                size = np.array([right - left, top - bottom, front - back]) / 1e3
+                yield _simple(f"{part.name}/collision", size, middle, np.array(piece.rotation), piece.part.is_disk)
+    elif np.isclose(np.prod(size), 1e-9 * volume_of(made.block), rtol=1e-6):
+        yield _simple("collision", size, middle, np.eye(3), False)
+    else:
         for visual in visuals:
             if visual.material == "light":
                 yield Collision(f"collision-{visual.name}", "mesh", (), np.zeros(3), np.eye(3), visual)
-        return
-    for part in made.parts:
-        piece = part.pieces[0]
-        if piece.part.is_plate:
-            (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
-            middle = piece.to_body(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
-            width, depth, height = ((b - a) / 1e3 for a, b in ((left, right), (bottom, top), (back, front)))
-            whole = piece.part.is_disk
-            yield Collision(
-                f"{part.name}/collision",
-                "cylinder" if whole else "box",
-                (width / 2, height) if whole else (width, depth, height),
-                middle,
-                np.array(piece.rotation),
-            )
+
+
+def _simple(name: str, size: Array, center: Array, rotation: Array, is_round: bool) -> Collision:
+    """Cylinder or box of a size."""
+    if is_round:
+        return Collision(name, "cylinder", (size[0] / 2, size[2]), center, rotation)
+    return Collision(name, "box", tuple(size), center, rotation)
 
 
 def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
