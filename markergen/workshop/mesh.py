@@ -74,13 +74,6 @@ class Mesh:
     marked: NDArray[np.bool_]
     up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
-    @property
-    def volume(self) -> float:
-        """Enclosed volume in mm^3."""
-        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
-        # Signed volumes of the tetrahedra from the origin.
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
 
 # Several formats of one marker share its meshes.
 @lru_cache(maxsize=2)

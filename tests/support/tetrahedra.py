@@ -13,6 +13,11 @@ def part(name, material, corners, sides=SIDES, marked=()):
     return Mesh(name, material, np.array(corners, float), sides, np.isin(np.arange(len(sides)), marked))
 
 
+def mesh_volume(mesh):
+    """Enclosed volume in mm^3: signed volumes of the tetrahedra from the origin."""
+    return np.linalg.det(mesh.points[mesh.triangles]).sum() / 6
+
+
 def plate_and_dot(corners):
     """A light one with a dark side, and a dark one that is 1 mm further along each axis."""
     return [part("plate", "light", corners, marked=[1]), part("dot-0", "dark", np.array(corners) + 1)]
