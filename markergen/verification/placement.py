@@ -188,7 +188,7 @@ class PlateInFile:
 
 
 Motion = tuple[Array, Array]
-"""A rotation (3, 3) and a shift (3,) in mm from the frame of the rig to that of a file."""
+"""A rotation (3, 3) and a shift (3,) in mm, from the frame of the rig or of a plate to that of a file."""
 
 
 def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> Check:
@@ -238,9 +238,10 @@ def _compared(
     motion = _motion(plates, candidates_of_plates, tolerance)
     if motion is None:
         return Check("", kind, findings=(NO_PLATE,)), []
+    poses = [plate.camera_pose(*motion) for plate in plates]
     chosen = [
-        min(candidates, key=lambda placed: _misfit(placed, plate, motion, tolerance), default=None)
-        for plate, candidates in zip(plates, candidates_of_plates, strict=True)
+        min(candidates, key=lambda placed: _misfit(placed, pose, tolerance), default=None)
+        for pose, candidates in zip(poses, candidates_of_plates, strict=True)
     ]
     findings, largest, worst = list[Finding](), 0.0, None
     notes = [wanted.note] if wanted.note else []
@@ -264,8 +265,8 @@ def _compared(
             errors.append(Finding("height", sentence))
         findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in errors]
         if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
-            findings += _moved(plates, k, chosen, motion, tolerance)
-        rotation, translation = plate.camera_pose(*motion)
+            findings += _moved(plates, k, chosen, poses, tolerance)
+        rotation, translation = poses[k]
         off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
             largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
@@ -373,8 +374,9 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
             guess = rotation, placed.translation - rotation @ plates[k].translation_vector
             agreed, off = [], 0.0
             for j, (plate, others) in enumerate(zip(plates, placements, strict=True)):
-                nearest = min(others, key=lambda candidate: _misfit(candidate, plate, guess, tolerance), default=None)
-                distance = np.inf if nearest is None else _apart(nearest, plate, guess)
+                pose = plate.camera_pose(*guess)
+                nearest = min(others, key=lambda candidate: _misfit(candidate, pose, tolerance), default=None)
+                distance = np.inf if nearest is None else _apart(nearest, pose)
                 # A marker's own turn is known less well than its place.
                 if nearest is not None and distance < NEARLY * 1e3 * tolerance:
                     agreed.append((j, nearest))
@@ -389,16 +391,15 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
     return rigid_motion(source, np.concatenate([placed.points for _, placed in agreed]))
 
 
-def _apart(placed: PlateInFile, plate: Plate, motion: Motion) -> float:
-    """Largest distance in mm of a layout's dots from where a motion puts those of a plate."""
-    rotation, translation = plate.camera_pose(*motion)
-    off = placed.wanted @ (placed.rotation - rotation).T + placed.translation - translation
+def _apart(placed: PlateInFile, pose: Motion) -> float:
+    """Largest distance in mm of a layout's dots from where a pose puts them."""
+    off = placed.wanted @ (placed.rotation - pose[0]).T + placed.translation - pose[1]
     return float(np.linalg.norm(off, axis=-1).max())
 
 
-def _misfit(placed: PlateInFile, plate: Plate, motion: Motion, tolerance: float) -> tuple[bool, bool, float]:
-    """Order of places by how well they fit a plate; what is seen from behind, if it fits no better, comes last."""
-    distance = _apart(placed, plate, motion)
+def _misfit(placed: PlateInFile, pose: Motion, tolerance: float) -> tuple[bool, bool, float]:
+    """Order of places by how well they fit a pose; what is seen from behind, if it fits no better, comes last."""
+    distance = _apart(placed, pose)
     return distance >= NEARLY * 1e3 * tolerance, placed.is_mirrored, distance
 
 
@@ -433,21 +434,21 @@ def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
 
 
 def _moved(
-    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], motion: Motion, tolerance: float
+    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], poses: Sequence[Motion], tolerance: float
 ) -> list[Finding]:
     """Say that a marker is in another place, or in that of another one."""
     plate, placed = plates[k], chosen[k]
     assert placed is not None
-    if _apart(placed, plate, motion) <= 1e3 * tolerance:
+    if _apart(placed, poses[k]) <= 1e3 * tolerance:
         return []
     for j, neighbor in enumerate(plates):
-        if j != k and _apart(placed, neighbor, motion) < NEARLY * 1e3 * tolerance:
+        if j != k and _apart(placed, poses[j]) < NEARLY * 1e3 * tolerance:
             back = chosen[j]
-            if back is not None and _apart(back, plate, motion) < NEARLY * 1e3 * tolerance:
+            if back is not None and _apart(back, poses[k]) < NEARLY * 1e3 * tolerance:
                 first, second = sorted((k, j))
                 names = f"{plates[first].name} and {plates[second].name}"
                 return [Finding("relation", f"{names} are swapped", "put each in its own place")]
             return [Finding("relation", f"{plate.name} is in the place of {neighbor.name}", "put it in its own place")]
-    to_plate = inverse_pose(plate.camera_pose(*motion))
-    displacement = _motion_words(*pose_product(to_plate, (placed.rotation, placed.translation)), 1e3 * tolerance)
+    moved = pose_product(inverse_pose(poses[k]), (placed.rotation, placed.translation))
+    displacement = _motion_words(*moved, 1e3 * tolerance)
     return [Finding("relation", f"{plate.name} is {displacement}, in its own frame", "put it in its place")]
