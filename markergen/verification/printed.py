@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
+from markergen.drawing.colors import BLACK_ON_WHITE, Colors
 from markergen.drawing.paper import PAPERS, SheetOptions
 from markergen.drawing.scene import Box, Line, Shape, Sheet, bounds
 from markergen.drawing.sheet_layout import pages_for
@@ -21,16 +22,20 @@ from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
 from markergen.verification.findings import Motion
 from markergen.verification.lines import sheet_lines
-from markergen.verification.picture import PagePicture
+from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import Page
 from markergen.verification.words import REMOVE, Finding
 
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""
 
-MEASURED, HOW = r"ruler|check-(?!plan)|number-|ax[ei]s", "remedy"
+ON_PAPER, HOW = r"ruler|check-(?!plan)", "remedy"
+MEASURED = rf"{ON_PAPER}|number-|ax[ei]s"
 """Names of the shapes that users measure, and of those that say how: these must be there, but name a file, and differ,
-as the rest may, by the version that printed it."""
+as the rest may, by the version that printed it. Light numbers and axes on a dark ground are not compared."""
+
+DARKEST, SHADE = 128.0, 3.0
+"""Grey level below which a ground is dark, and difference from the page's from which on it is printed."""
 
 DARK, LEAST = 0.3, 0.2
 """Minimum share of the page's contrast of what counts as ink, and area in mm^2 that may be missing or extra."""
@@ -59,7 +64,11 @@ which is laid out otherwise, 0.08, with marks up to 0.6."""
 
 @lru_cache(maxsize=2)
 def _own(
-    marker: Marker, size: tuple[float, float], compensate: bool, labels: tuple[Shape, ...] = ()
+    marker: Marker,
+    size: tuple[float, float],
+    compensate: bool,
+    labels: tuple[Shape, ...] = (),
+    colors: Colors = BLACK_ON_WHITE,
 ) -> tuple[Sheet, NDArray[np.uint8]] | None:
     """Our sheet of a marker on paper of that size in mm, and its picture; None if it does not fit."""
     import cv2
@@ -69,7 +78,7 @@ def _own(
     names = [name for name, paper in PAPERS.items() if np.allclose((paper.width, paper.height), size, atol=0.05)]
     paper = names[0] if names else f"{size[0]:.6g}x{size[1]:.6g}mm"
     try:
-        options = SheetOptions(paper, tile=False, compensate=compensate)
+        options = SheetOptions(paper, tile=False, compensate=compensate, colors=colors)
         (sheet,) = pages_for([marker], options, [labels] if labels else ())
     except InputError:
         return None
@@ -83,16 +92,19 @@ def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motio
     With `compensate` it is drawn for the printer that it was measured on. If it `has_others`, dots which are reported
     by themselves, these have numbers.
     """
-    sheet_of_ours = _own(marker, page.size, compensate, page.labels) if page.size is not None else None
-    if sheet_of_ours is None or page.picture is None:
+    if page.size is None or page.picture is None:
         return []
-    (sheet, expected), picture = sheet_of_ours, page.picture
+    picture, ground = page.picture, _ground(marker, page.picture, motion)
+    sheet_of_ours = _own(marker, page.size, compensate, page.labels, _colors_on(ground))
+    if sheet_of_ours is None:
+        return []
+    sheet, expected = sheet_of_ours
     origin = np.array(sheet.origins_mm[0])
     wanted = _Page(expected, lambda points: motion.to_page(points - origin), picture)
     shares = {layer: wanted.share(_around(sheet, expected, (layer,))) for layer in AROUND}
     if max(shares.values()) < OURS:
         return []
-    rooms = _rooms(sheet)
+    rooms, measured = _rooms(sheet), MEASURED if ground > DARKEST else ON_PAPER
     changed = [
         shape.name
         for name in AROUND
@@ -100,7 +112,7 @@ def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motio
         for shape in sheet.scene[name]
         if (isinstance(shape, Line) or not (picture.bilevel or picture.grain > COARSE))
         and (
-            (match(MEASURED, shape.name) and wanted.differs(shape, rooms.get(shape.name)))
+            (match(measured, shape.name) and wanted.differs(shape, rooms.get(shape.name)))
             or (match(HOW, shape.name) and wanted.is_blank(shape))
         )
     ]
@@ -112,6 +124,22 @@ def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motio
         sentence = f"there is ink inside of the outline that is not the marker's, around x {x:.4g}, y {y:.4g} mm"
         findings.append(Finding("extra", sentence, REMOVE))
     return findings
+
+
+def _ground(marker: Marker, picture: PagePicture, motion: Motion) -> float:
+    """Grey level of the ground on which dots stand, in the middle of their quiet zones; white if it is the page's."""
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    diameters = np.array([point.feature.diameter for point in marker.control_points])
+    around = 0.75 * diameters[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    places = 1e3 * (marker.xyz[:, None, :2] + around).reshape(-1, 2)
+    ground = float(np.nanmedian([WHITE, *picture.sample(places @ motion[0].T + motion[1])]))
+    return ground if abs(ground - picture.paper) > SHADE else WHITE
+
+
+def _colors_on(ground: float) -> Colors:
+    """Colors of a sheet on a ground of some grey level."""
+    grey = "#" + f"{round(ground):02x}" * 3
+    return BLACK_ON_WHITE if ground == WHITE else Colors("#000000" if ground > DARKEST else "#ffffff", grey)
 
 
 def _rooms(sheet: Sheet) -> dict[str, tuple[float, float]]:

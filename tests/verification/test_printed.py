@@ -68,6 +68,17 @@ def test_what_is_measured_is_looked_at(marker, sheets, tmp_path, name):
     assert {finding.kind for finding in check.findings} == {"marks"}, check.findings
 
 
+@pytest.mark.parametrize("colors", ["inverted", "#102030,#f0f0ff"])
+def test_rulers_beside_a_printed_ground_are_looked_at_too(tmp_path, make_ngon, colors):
+    marker = make_ngon(5, 0.03, 0.008)
+    marker.save(tmp_path / "a.svg", tmp_path / "a.png", colors=colors, dpi=DPI)
+    for suffix in (".svg", ".png"):
+        check = verify(marker, tmp_path / f"a{suffix}")
+        assert check.passed, check.findings
+    changed = CHANGES["a ruler of another scale"]((tmp_path / "a.svg").read_text())
+    assert [finding.kind for finding in check_of(marker, tmp_path, ".svg", changed.encode()).findings] == ["marks"]
+
+
 def test_columns_may_stand_elsewhere_and_words_may_be_others(marker, sheets, tmp_path):
     text = moved(r"check-y[-\w]*", "-12 0")(moved(r"check-rulers[-\w]*", "-20 0")(sheets[".svg"].decode()))
     text = moved(r"remedy-1-0", "3 0")(text)
