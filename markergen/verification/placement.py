@@ -28,6 +28,7 @@ from markergen.verification.words import (
     MOST_LISTED,
     NO_PLATE,
     REMOVE,
+    SHEET,
     Finding,
     nearest_mistake,
     scale_finding,
@@ -236,6 +237,8 @@ def _compared(
 ) -> tuple[Check, list[Verdict]]:
     candidates_of_plates = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
     motion = _motion(plates, candidates_of_plates, tolerance)
+    if motion is None and not any(_wanted_on(plate, wanted)[1] for plate in plates):
+        return Check("", kind, findings=tuple(_of_whole(solid, wanted, tolerance)), notes=(SHEET,)), []
     if motion is None:
         return Check("", kind, findings=(NO_PLATE,)), []
     poses = [plate.camera_pose(*motion) for plate in plates]
@@ -271,12 +274,7 @@ def _compared(
         if off.max() > largest:
             largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
     if not findings:
-        aligned = solid.mapped(*inverse_pose(motion))
-        compared = difference(aligned.shell, wanted.shell, 1e3 * tolerance + CHORDS)
-        findings += somewhere("extra", "something that belongs to no plate", compared.extra, REMOVE)
-        findings += somewhere("missing", "something missing", compared.missing, AGAIN) * (not findings)
-        findings += somewhere("twice", "something that is there twice", compared.twice, REMOVE) * (not findings)
-        findings += somewhere("color", "the other color than it should be", compared.repainted, AGAIN)
+        findings = _of_whole(solid.mapped(*inverse_pose(motion)), wanted, tolerance)
     verdicts = [placed.verdict for placed in chosen if placed]
     scales = np.array([verdict.scale for verdict in verdicts])
     check = Check(
@@ -287,12 +285,26 @@ def _compared(
     return check, verdicts
 
 
+def _of_whole(solid: Solid, wanted: WantedSolid, tolerance: float) -> list[Finding]:
+    """What a solid in the frame of the body has too much, too little, or in the other color."""
+    compared = difference(solid.shell, wanted.shell, 1e3 * tolerance + CHORDS)
+    findings = somewhere("extra", "something that belongs to no plate", compared.extra, REMOVE)
+    findings = findings or somewhere("missing", "something missing", compared.missing, AGAIN)
+    findings = findings or somewhere("twice", "something that is there twice", compared.twice, REMOVE)
+    return [*findings, *somewhere("color", "the other color than it should be", compared.repainted, AGAIN)]
+
+
+def _wanted_on(plate: Plate, wanted: WantedSolid) -> tuple[DotSet, list[int], Array]:
+    """Rims of a plate's dots as `wanted_dots` has them, in the marker's frame."""
+    to_plate = inverse_pose((plate.rotation_matrix, plate.translation_vector))
+    return wanted_dots(plate.marker, wanted.rims.mapped(*to_plate))
+
+
 def _placements(
     plate: Plate, rims: Rims, wanted: WantedSolid, plates: Sequence[Plate], tolerance: float
 ) -> list[PlateInFile]:
     """Find all places of a marker's layout among the rims of a file."""
-    to_plate = inverse_pose((plate.rotation_matrix, plate.translation_vector))
-    expected, ids, sizes = wanted_dots(plate.marker, wanted.rims.mapped(*to_plate))
+    expected, ids, sizes = _wanted_on(plate, wanted)
     if not ids:
         return []
     ways = np.array([neighbor.rotation_matrix[:, 2] for neighbor in plates])

@@ -38,9 +38,7 @@ from markergen.verification.wanted_solids import (
     volume_of,
     wanted_dots,
 )
-from markergen.verification.words import MOST_LISTED, REMOVE, Finding, short_length, somewhere
-
-SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
+from markergen.verification.words import MOST_LISTED, REMOVE, SHEET, Finding, short_length, somewhere
 
 AROUND = 0.6
 """Distance in mm from a dot or a tag within which what differs is about it: its gap, and what is around its inlay."""

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -142,22 +143,30 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
     corners = corners if 1 / UNIT < ratio < UNIT else corners / ratio
     measures = [(max(abs(volume_of(mesh)), 1e-9), area_of(mesh)) for mesh in (corners, _around(corners, usual_corners))]
 
-    def off(volume: float, area: float | None = None) -> float:
-        """Smallest relative difference of volume and area from those of the file, or of what is in the usual box."""
-        return min(
-            abs(float(np.log(v / volume))) + (abs(float(np.log(a / area))) if area else 0.0) for v, a in measures
-        )
+    def off(measured: tuple[float, float], volume: float, area: float | None = None) -> float:
+        """Relative difference of volume and area from those measured in the file."""
+        return abs(float(np.log(measured[0] / volume))) + (abs(float(np.log(measured[1] / area))) if area else 0.0)
 
     # What was asked for first, so that a damaged file is compared with it whatever its volume.
     order = sorted(choices, key=lambda choice: (choice[2] != asked, choice[1]))
-    # Inlays that fill their pockets leave the volume as it is, but for rounding.
-    rest = sorted(order[len(kinds) :], key=lambda choice: (round(off(choice[0]), 9), choice[1]))
+    # Inlays that fill their pockets leave the volume as it is, but for rounding. What is beside the usual box may be
+    # extra, or balls on the plate.
+    by_measure = [
+        sorted(order[len(kinds) :], key=lambda choice: (round(off(measured, choice[0]), 9), choice[1]))
+        for measured in measures
+    ]
+    rest = dict.fromkeys(chain.from_iterable(zip(*by_measure, strict=True)))
     for volume, number, fabrication, materials in [*order[: len(kinds)], *rest][:MOST_MADE]:
         wanted = wanted_solid(body, fabrication, materials)
-        ranked.append((off(volume, area_of(wanted.shell.corners)), number, wanted))
+        area = area_of(wanted.shell.corners)
+        ranked.append((min(off(measured, volume, area) for measured in measures), number, wanted))
         if ranked[-1][0] < CLOSE:
             break
-    return list(dict.fromkeys([min(ranked, key=lambda rank: rank[:2])[2], ranked[0][2]]))
+    best = min(ranked, key=lambda rank: rank[:2])[2]
+    # What is engraved in a large plate changes its volume less than a coarse mesh does.
+    other = replace(best.fabrication, engrave=not best.fabrication.engrave)
+    others = [] if recorded else [wanted_solid(body, other, best.materials)]
+    return list(dict.fromkeys([best, *others, ranked[0][2]]))
 
 
 def _around(corners: Array, wanted: Array) -> Array:

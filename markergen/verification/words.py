@@ -74,6 +74,8 @@ class Finding:
 
 REMOVE = "remove what is not the marker's, or export it again"
 
+SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
+
 NO_PLATE = Finding("no dots", "no marker of the rig is in it", "export it again, or verify it against its own rig")
 
 

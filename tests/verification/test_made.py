@@ -12,7 +12,7 @@ from sentences import sentence
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.model.boundary import polygon_from
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
@@ -357,6 +357,14 @@ def test_lengths_of_a_plate_that_a_file_records_are_notes(marker, tmp_path, suff
         "the plate's corner radius is 2 mm, where marker.json says 0 mm",
         "the plate's chamfer is 1 mm, where marker.json says 0 mm",
     )
+
+
+@pytest.mark.parametrize("process", sorted({*PROCESSES} - {"cnc"}))
+def test_the_process_is_seen_in_a_file_that_records_none(make_ngon, parts, tmp_path, process):
+    """Balls stand out of the box of other processes. On so large a plate, cnc differs less from fdm than meshes do."""
+    large = make_ngon(4, 0.25, 0.03)
+    check = verify(large, written(tmp_path / "a.stl", parts(large, replace(FABRICATION, process=process), ".stl")))
+    assert check.passed, check.findings
 
 
 def test_options_of_a_plate_that_verify_lacks_are_asked_for(marker, parts, tmp_path):

@@ -78,6 +78,16 @@ def test_other_processes_are_right(process, tmp_path):
         assert check.passed, (check.path, check.findings)
 
 
+def test_plates_with_recesses_for_prints_are_compared_as_they_are(tmp_path):
+    pair, options = wall(columns=2, rows=1), ExportOptions(fabrication=Fabrication(process="print", engrave=False))
+    [path] = written(pair, tmp_path, ".stl", options=options)
+    [check] = mg.verify(pair, path)
+    assert check.passed, check.findings
+    assert check.notes
+    [finding] = said_of(moved(pair, 1, translation=[0.001, 0, 0]), path)
+    assert "belongs to no plate" in finding
+
+
 @pytest.mark.long
 def test_a_moved_plate_is_named(tmp_path):
     [path] = written(WALL, tmp_path, ".stl")

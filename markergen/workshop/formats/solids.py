@@ -371,9 +371,6 @@ def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0
     return wire.Wire()
 
 
-HIDDEN = ("depth", "gap", "tool", "draft", "foot", *MEASURES)
-"""Options that a solid does not show by itself, or shows as if it were stretched."""
-
 EXPORTED = "markergen export"
 """Before the options of an export that a file records."""
 
@@ -418,8 +415,7 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
         lengths = {getattr(plate.marker.substrate, measure) for plate in body.plates}
         if len(lengths) == 1 and lengths != {getattr(Substrate, measure)}:
             asked[measure] = lengths.pop()
-    # A process and what it leaves out show; verify finds those by itself.
-    record = json.dumps(asked, separators=(",", ":")) if set(asked) & set(HIDDEN) else ""
+    record = json.dumps(asked, separators=(",", ":")) if asked else ""
     return Designed(name, body, made, solid_notes(body, made, options), record)
 
 
