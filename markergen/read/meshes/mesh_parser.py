@@ -62,7 +62,7 @@ def _text_corners(data: bytes, count: int) -> Array:
         raise InputError("an STL", "lines of another kind", "export it again")
     facets = firsts.count(b"endfacet")
     if facets > MOST_TRIANGLES:
-        raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "export it with a larger tolerance")
+        raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "use a larger --tolerance")
     if firsts[-1] != b"endsolid" or firsts.count(b"vertex") != 3 * facets:
         raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
     places = b" ".join(line[-1] for line, first in zip(lines, firsts, strict=True) if first == b"vertex")
@@ -119,7 +119,9 @@ def read_glb(data: bytes) -> Reply:
         nodes = list(_glb_nodes(document))
         counts = [_glb_count(document, primitive) for node, _ in nodes for primitive in _glb_primitives(document, node)]
         if sum(counts) > MOST_TRIANGLES:
-            raise InputError(f"at most {MOST_TRIANGLES} triangles", str(sum(counts)), "export the marker alone")
+            raise InputError(
+                f"at most {MOST_TRIANGLES} triangles", str(sum(counts)), "export it with a larger tolerance"
+            )
         if len(counts) > MOST_OBJECTS:
             raise InputError(f"at most {MOST_OBJECTS} meshes", str(len(counts)), "export the marker alone")
         meshes = [_glb_mesh(document, binary, node, matrix) for node, matrix in nodes if "mesh" in node]
@@ -541,7 +543,7 @@ class _Model:
             self._place(placed, key, transform, 0)
         total = sum(len(self.objects[key].triangles) for key, _ in placed) // 3
         if total > MOST_TRIANGLES:
-            raise InputError(f"at most {MOST_TRIANGLES} triangles", str(total), "export the marker alone")
+            raise InputError(f"at most {MOST_TRIANGLES} triangles", str(total), "use a larger --tolerance")
         return [part for key, transform in placed for part in self._meshes(key, transform, volumes.get(key, []))]
 
     def _place(self, placed: list[tuple[str, Array]], key: str, transform: Array, depth: int) -> None:
