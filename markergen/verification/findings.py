@@ -122,8 +122,8 @@ def judge(
     agreed, scale, is_scaled = _explain(source, matched.centers, labels.mirror, tol)
     trusted = bool(agreed.any())
     agreed = agreed if trusted else np.ones_like(agreed)
-    shown = agreed | is_scaled
-    motion = Motion(*rigid_motion(source[shown], matched.centers[shown], labels.mirror))
+    aligned = agreed | is_scaled
+    motion = Motion(*rigid_motion(source[aligned], matched.centers[aligned], labels.mirror))
     off = motion.to_marker(matched.centers) - source
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))

@@ -173,8 +173,8 @@ def reader_of(path: Path) -> Reader:
     """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
     parts = path.name.lower().split(".")[1:]
     suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
-    known = (suffix for suffix in suffixes if suffix in READERS.names())
-    return READERS[next(known, "." + parts[-1] if parts else path.name)]
+    readable = (suffix for suffix in suffixes if suffix in READERS.names())
+    return READERS[next(readable, "." + parts[-1] if parts else path.name)]
 
 
 def with_markers(body: Body, change: Callable[[Marker], Marker]) -> Body:

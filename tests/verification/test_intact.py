@@ -63,8 +63,8 @@ def options_at_random(rng, is_sheet):
         choices = {"engrave": [False], "depth": ["0.5mm"], "tool": ["0.3mm", "2mm"], "tolerance": ["20um"]}
     options = {name: rng.choice(values).item() for name, values in choices.items() if rng.random() < 0.3}
     process = str(rng.choice(sorted(PROCESSES)))
-    own = {"cnc": {"through": True}, "dome": {"dome": "ball"}}.get(process, {}) if rng.random() < 0.4 else {}
-    return options if is_sheet else {**options, "process": process, **own}
+    special = {"cnc": {"through": True}, "dome": {"dome": "ball"}}.get(process, {}) if rng.random() < 0.4 else {}
+    return options if is_sheet else {**options, "process": process, **special}
 
 
 @pytest.mark.long

@@ -553,8 +553,8 @@ def _room(
     circles = np.array([(*view.at((x, y)), view.scale * r) for x, y, r in places])
     segments = np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2)
     # Words by their circumscribed circles.
-    words = np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in marks]).reshape(-1, 3)
-    return _Room(view, column, 1.4 * style.words, style, np.concatenate([circles.reshape(-1, 3), words]), segments)
+    texts = np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in marks]).reshape(-1, 3)
+    return _Room(view, column, 1.4 * style.words, style, np.concatenate([circles.reshape(-1, 3), texts]), segments)
 
 
 def place_callouts(callouts: Sequence[Callout], room: _Room) -> list[Shape]:
