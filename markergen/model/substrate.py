@@ -113,7 +113,7 @@ class Hole:
         return f"the {'dowel hole' if self.use == 'dowel' else 'hole'} {kind} at {place}"
 
 
-MEASURES = ("thickness", "edge", "corner_radius", "chamfer")
+PLATE_LENGTHS = ("thickness", "edge", "corner_radius", "chamfer")
 """Names of the lengths of a plate, which a solid records beside the options of its export."""
 
 

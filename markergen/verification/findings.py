@@ -44,23 +44,23 @@ DIAMETER = {False: 2.0, True: 4.0}
 """Ratio of the tolerance of a diameter to that of a center, by whether the file is made of pixels."""
 
 
-class Motion(NamedTuple):
-    """Motion of the plane from the marker's frame to the page, mm: a rotation (2, 2), perhaps mirrored, and a shift.
+class PlaneMotion(NamedTuple):
+    """Motion of the plane from the marker's frame to the page, mm: rotation (2, 2), perhaps mirrored, and translation.
 
     Of a marker that is drawn for a printer, `factor` is the ratio of drawn to true lengths along x and y.
     """
 
     rotation: Array
-    shift: Array
+    translation: Array
     factor: tuple[float, float] = (1.0, 1.0)
 
     def to_page(self, points: Array) -> Array:
         """Map points (..., 2) in the marker frame."""
-        return np.asarray(points * self.factor @ self.rotation.T + self.shift)
+        return np.asarray(points * self.factor @ self.rotation.T + self.translation)
 
     def to_marker(self, points: Array) -> Array:
         """Map points (..., 2) on the page."""
-        return np.asarray((points - self.shift) @ self.rotation / self.factor)
+        return np.asarray((points - self.translation) @ self.rotation / self.factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class Verdict:
         Its id.
     scale : (x, y)
         Ratio of distances between dots in the file to those in marker.json, along the marker's axes; nan if unknown.
-    motion : Motion or None
+    motion : PlaneMotion or None
     used : array of int
         Indices of the found dots that belong to this copy.
     names : tuple of int
@@ -86,7 +86,7 @@ class Verdict:
     worst: int | None
     scale: tuple[float, float]
     findings: tuple[Finding, ...]
-    motion: Motion | None
+    motion: PlaneMotion | None
     used: NDArray[np.intp]
     names: tuple[int, ...] = ()
 
@@ -123,7 +123,7 @@ def judge(
     trusted = bool(agreed.any())
     agreed = agreed if trusted else np.ones_like(agreed)
     aligned = agreed | is_scaled
-    motion = Motion(*rigid_motion(source[aligned], matched.centers[aligned], labels.mirror))
+    motion = PlaneMotion(*rigid_motion(source[aligned], matched.centers[aligned], labels.mirror))
     off = motion.to_marker(matched.centers) - source
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))
@@ -190,7 +190,7 @@ def round_holes(marker: Marker) -> Array:
     return 1e3 * rings_and_circles(opening.contour for opening in openings(marker))[1][:, :2]
 
 
-def at_holes(dots: DotSet, motion: Motion | None, holes: Array) -> Mask:
+def at_holes(dots: DotSet, motion: PlaneMotion | None, holes: Array) -> Mask:
     """Tell which dots lie at holes (k, 2), mm, of a marker that is placed by a motion."""
     if motion is None or not len(holes):
         return np.zeros(len(dots), dtype=bool)
@@ -198,7 +198,7 @@ def at_holes(dots: DotSet, motion: Motion | None, holes: Array) -> Mask:
     return np.asarray(np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) <= dots.radii / 2)
 
 
-def extras(dots: DotSet, used: NDArray[np.intp], motion: Motion | None, holes: Array) -> list[Finding]:
+def extras(dots: DotSet, used: NDArray[np.intp], motion: PlaneMotion | None, holes: Array) -> list[Finding]:
     """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped.
 
     So are those far from a small marker on a large sheet: at the size of its dots, letters are round.

@@ -17,7 +17,7 @@ from markergen.arrays import Array, Mask
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.verification.findings import AGAIN, BENT, Motion, Verdict
+from markergen.verification.findings import AGAIN, BENT, PlaneMotion, Verdict
 from markergen.verification.lines import (
     CutLine,
     in_picture,
@@ -144,7 +144,7 @@ def _unclaimed(
     return page.engraved[strays(page.engraved, wanted)], of_tag[strays(of_tag, page.engraved)]
 
 
-def _with_absent(dots: DotSet, names: Sequence[int], marker: Marker, motion: Motion) -> tuple[DotSet, list[int]]:
+def _with_absent(dots: DotSet, names: Sequence[int], marker: Marker, motion: PlaneMotion) -> tuple[DotSet, list[int]]:
     """The dots of a copy with those that were not found, at their places on the page, and the ids of all."""
     absent = np.flatnonzero(~np.isin(marker.ids, names))
     expected = expected_dots(marker).take(absent)
@@ -182,7 +182,7 @@ def _layers_of(page: Page, dots: DotSet, k: int) -> set[str]:
     return {page.layers[index] for index in np.flatnonzero(is_here & size)}
 
 
-def _unread(page: Page, marker: Marker, motion: Motion) -> list[Finding]:
+def _unread(page: Page, marker: Marker, motion: PlaneMotion) -> list[Finding]:
     """Text, images and so on that may be over a dot or its quiet zone, or over the tag."""
     expected, tag, findings = expected_dots(marker), marker.tag, []
     places = motion.to_page(expected.centers)
@@ -205,7 +205,7 @@ def _unread(page: Page, marker: Marker, motion: Motion) -> list[Finding]:
 
 
 def _lines(
-    kinds: Sequence[list[CutLine]], page: Page, motion: Motion, expected: DotSet, tol: float
+    kinds: Sequence[list[CutLine]], page: Page, motion: PlaneMotion, expected: DotSet, tol: float
 ) -> tuple[list[Finding], list[CutLine]]:
     """Findings about outline and holes, and the lines that are wanted: those of a sheet or of a plate."""
 
@@ -239,7 +239,7 @@ def _lines(
     return findings, wanted
 
 
-def _around(marker: Marker, wanted: Sequence[CutLine], motion: Motion, spare: float) -> Array:
+def _around(marker: Marker, wanted: Sequence[CutLine], motion: PlaneMotion, spare: float) -> Array:
     """Circles (m, 3) on the page that cover the tag and all lines to cut, which may be in quiet zones."""
     points = [sampled(line.contour)[0] for line in wanted]
     disks = [np.column_stack([line_points, np.full(len(line_points), 1.0 + spare)]) for line_points in points]
@@ -294,7 +294,7 @@ def shown_findings(
     names: Sequence[int],
     count: int,
     picture: PagePicture,
-    motion: Motion,
+    motion: PlaneMotion,
     tolerance: float,
     around: Array,
 ) -> tuple[list[Finding], list[str], list[int]]:

@@ -188,8 +188,8 @@ class PlateInFile:
         return "mirrored" in self.verdict.kinds
 
 
-Motion = tuple[Array, Array]
-"""A rotation (3, 3) and a shift (3,) in mm, from the frame of the rig or of a plate to that of a file."""
+FilePose = tuple[Array, Array]
+"""Rotation (3, 3) and translation (3,) in mm, from the frame of the rig or of a plate to that of a file."""
 
 
 def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> Check:
@@ -366,19 +366,19 @@ def _in_file(wanted: DotSet, ids: list[int], view: Array, dots: DotSet, verdict:
     indices = [ids.index(name) for name in verdict.names]
     have, want = dots.heights[verdict.used], wanted.heights[indices]
     level = float(np.median(have - want))
-    rotation, shift, _ = verdict.motion
+    rotation, translation, _ = verdict.motion
     rotation_in_view = np.eye(3)
     rotation_in_view[:2, :2] = rotation
     rotation_in_view[2, 2] = np.linalg.det(rotation)
     points = np.column_stack([dots.centers[verdict.used], have]) @ view
     return PlateInFile(
-        verdict, view.T @ rotation_in_view, view.T @ np.array([*shift, level]), points,
+        verdict, view.T @ rotation_in_view, view.T @ np.array([*translation, level]), points,
         np.column_stack([wanted.centers[indices], want]),
     )  # fmt: skip
 
 
-def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float) -> Motion | None:
-    """Motion from the rig to the file that most markers agree with, by least squares of their dots; None for none."""
+def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]], tolerance: float) -> FilePose | None:
+    """Pose of the rig in the file that most markers agree with, by least squares of their dots; None for none."""
     best: tuple[float, list[tuple[int, PlateInFile]]] | None = None
     for k, candidates in enumerate(placements):
         for placed in candidates:
@@ -403,19 +403,19 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
     return rigid_motion(source, np.concatenate([placed.points for _, placed in agreed]))
 
 
-def _apart(placed: PlateInFile, pose: Motion) -> float:
+def _apart(placed: PlateInFile, pose: FilePose) -> float:
     """Largest distance in mm of a layout's dots from where a pose puts them."""
     off = placed.wanted @ (placed.rotation - pose[0]).T + placed.translation - pose[1]
     return float(np.linalg.norm(off, axis=-1).max())
 
 
-def _misfit(placed: PlateInFile, pose: Motion, tolerance: float) -> tuple[bool, bool, float]:
+def _misfit(placed: PlateInFile, pose: FilePose, tolerance: float) -> tuple[bool, bool, float]:
     """Order of places by how well they fit a pose; what is seen from behind, if it fits no better, comes last."""
     distance = _apart(placed, pose)
     return distance >= NEARLY * 1e3 * tolerance, placed.is_mirrored, distance
 
 
-def _frame(motion: Motion, plates: Sequence[Plate], tolerance: float) -> str:
+def _frame(motion: FilePose, plates: Sequence[Plate], tolerance: float) -> str:
     """Say how the rig lies in the file; empty if it is where its file says."""
     points = np.concatenate([plate.to_body(1e3 * plate.marker.xyz) for plate in plates])
     off = points @ (motion[0] - np.eye(3)).T + motion[1]
@@ -446,7 +446,11 @@ def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
 
 
 def _moved(
-    plates: Sequence[Plate], k: int, chosen: Sequence[PlateInFile | None], poses: Sequence[Motion], tolerance: float
+    plates: Sequence[Plate],
+    k: int,
+    chosen: Sequence[PlateInFile | None],
+    poses: Sequence[FilePose],
+    tolerance: float,
 ) -> list[Finding]:
     """Say that a marker is in another place, or in that of another one."""
     plate, placed = plates[k], chosen[k]

@@ -20,7 +20,7 @@ from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
-from markergen.verification.findings import Motion
+from markergen.verification.findings import PlaneMotion
 from markergen.verification.lines import sheet_lines
 from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import Page
@@ -58,8 +58,7 @@ AROUND = ("marks", "text")
 
 OURS, SWITCHED_OFF, PLACES = 0.8, 0.02, 3000
 """Minimum share of a layer's ink that shows on a page that is laid out as ours, maximum share of a layer that is
-switched off, and number of places looked at. Text moved by 5 mm shows 0.27 of it, with marks 0.97; a colored sheet,
-which is laid out otherwise, 0.08, with marks up to 0.6."""
+switched off, and number of places looked at. Text moved by 5 mm shows 0.27 of it, with marks 0.97."""
 
 
 @lru_cache(maxsize=2)
@@ -86,7 +85,9 @@ def _own(
     return sheet, np.asarray(picture, dtype=np.uint8)
 
 
-def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motion, has_others: bool) -> list[Finding]:
+def printed_findings(
+    marker: Marker, compensate: bool, page: Page, motion: PlaneMotion, has_others: bool
+) -> list[Finding]:
     """Findings about what is measured and read on a page with one marker.
 
     With `compensate` it is drawn for the printer that it was measured on. If it `has_others`, dots which are reported
@@ -126,13 +127,12 @@ def printed_findings(marker: Marker, compensate: bool, page: Page, motion: Motio
     return findings
 
 
-def _ground(marker: Marker, picture: PagePicture, motion: Motion) -> float:
+def _ground(marker: Marker, picture: PagePicture, motion: PlaneMotion) -> float:
     """Grey level of the ground on which dots stand, in the middle of their quiet zones; white if it is the page's."""
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-    diameters = np.array([point.feature.diameter for point in marker.control_points])
-    around = 0.75 * diameters[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    around = 1.5 * marker.radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     places = 1e3 * (marker.xyz[:, None, :2] + around).reshape(-1, 2)
-    ground = float(np.nanmedian([WHITE, *picture.sample(places @ motion[0].T + motion[1])]))
+    ground = float(np.nanmedian([WHITE, *picture.sample(motion.to_page(places))]))
     return ground if abs(ground - picture.paper) > SHADE else WHITE
 
 

@@ -17,8 +17,8 @@ from markergen.errors import InputError, OutputError
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.substrate import EDGE, MEASURES, Substrate
-from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, Motion, Verdict, extras, judge, round_holes
+from markergen.model.substrate import EDGE, PLATE_LENGTHS, Substrate
+from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, PlaneMotion, Verdict, extras, judge, round_holes
 from markergen.verification.lines import hole_name, line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.matching import ALIKE
 from markergen.verification.placement import Placement, check_sides, placements, stretched
@@ -160,7 +160,7 @@ def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, Any]]:
     match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
     try:
         record = json.loads(match[1]) if match else {}
-        lengths = {name: record.pop(name) for name in MEASURES if name in record}
+        lengths = {name: record.pop(name) for name in PLATE_LENGTHS if name in record}
         Substrate(**lengths)
         return (Fabrication(**record) if match else None), lengths
     except (ValueError, TypeError, AttributeError, InputError):
@@ -199,7 +199,7 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
     if len(ids) > 2:
         verdict = judge(expected, ids, dots, tolerance)
     else:
-        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), Motion(np.eye(2), np.zeros(2)), NOTHING)
+        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), PlaneMotion(np.eye(2), np.zeros(2)), NOTHING)
     base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, verdict.worst, verdict.scale,
                  findings=verdict.findings)  # fmt: skip
     if verdict.motion is None or base.kinds & UNTAGGED:
@@ -228,8 +228,8 @@ def _aligned(solid: Solid, verdict: Verdict, wanted: Array, seen: Array, ids: Se
         off = seen[verdict.used] - wanted[[list(ids).index(name) for name in verdict.names]]
         rise = float(np.median(off)) if np.ptp(off) < 0.01 else 0.0
     rotation, translation = np.eye(3), np.zeros(3)
-    rotation[:2, :2] = verdict.motion[0].T
-    translation[:] = *(-verdict.motion[0].T @ verdict.motion[1]), -rise
+    rotation[:2, :2] = verdict.motion.rotation.T
+    translation[:] = *verdict.motion.to_marker(np.zeros(2)), -rise
     return solid.mapped(rotation, translation)
 
 
@@ -243,7 +243,7 @@ def _thickness(body: Body, solid: Solid, wanted: WantedSolid, tol: float) -> flo
 
 
 def _on_plate(body: Body, lengths: Mapping[str, Any]) -> Body:
-    """The body on plates with some of `MEASURES` in m, as export makes it with their options."""
+    """The body on plates with some of `PLATE_LENGTHS` in m, as export makes it with their options."""
     if not lengths:
         return body
     return with_markers(body, lambda marker: replace(marker, substrate=replace(marker.substrate, **lengths)))
@@ -252,7 +252,7 @@ def _on_plate(body: Body, lengths: Mapping[str, Any]) -> Body:
 def _other_lengths(plate: Substrate, usual: Substrate) -> list[str]:
     """Sentences about lengths of a plate that are not those of marker.json."""
     sentences = []
-    for name in MEASURES:
+    for name in PLATE_LENGTHS:
         have, want = getattr(plate, name), getattr(usual, name)
         if have != want:
             what = "plate is {} thick" if name == "thickness" else f"plate's {name.replace('_', ' ')} is {{}}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.model.tag import Tag
-from markergen.verification.findings import Motion
+from markergen.verification.findings import PlaneMotion
 from markergen.verification.reading import Page
 from markergen.verification.words import Finding
 
@@ -25,7 +25,7 @@ NEAR = 0.25
 """Maximum distance at which a corner counts as one of the tag's, as a share of a cell."""
 
 
-def tag_findings(tag: Tag, page: Page, motion: Motion, tolerance: float) -> list[Finding]:
+def tag_findings(tag: Tag, page: Page, motion: PlaneMotion, tolerance: float) -> list[Finding]:
     """List the errors of a tag, with a tolerance in mm."""
     measured = page.picture is not None and page.picture.measured
     # A seam between tiles adds corners of its own.
@@ -42,7 +42,7 @@ def tag_findings(tag: Tag, page: Page, motion: Motion, tolerance: float) -> list
     return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
 
 
-def _in_outlines(tag: Tag, corners_seen: Array, motion: Motion, tolerance: float) -> list[Finding]:
+def _in_outlines(tag: Tag, corners_seen: Array, motion: PlaneMotion, tolerance: float) -> list[Finding]:
     from scipy.spatial import cKDTree
 
     cell = float(np.linalg.norm(np.diff(motion.to_page(1e3 * tag.corners[:2]), axis=0))) / tag.cells
@@ -63,7 +63,7 @@ def _in_outlines(tag: Tag, corners_seen: Array, motion: Motion, tolerance: float
     return corners_off(corners, nearest, tolerance)
 
 
-def _in_pixels(tag: Tag, seen_at: Sample, motion: Motion, tolerance: float | None) -> list[Finding]:
+def _in_pixels(tag: Tag, seen_at: Sample, motion: PlaneMotion, tolerance: float | None) -> list[Finding]:
     def sample(points: Array) -> Array:
         return np.nan_to_num(seen_at(points), nan=255.0)
 

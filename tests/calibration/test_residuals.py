@@ -31,8 +31,8 @@ def test_one_false_dot_in_twenty_costs_less_than_a_quarter():
         simulated = scene(5, 16, rng)
         true, (views, false) = in_gauge(simulated.places, simulated.network), spoiled(simulated.views, 0.05, rng)
         cleaned = adjust_robustly(simulated.network, views)
-        found = adjust(simulated.network, simulated.views), cleaned.adjustment
-        errors.append([np.mean((each.places - true) ** 2) for each in found])
+        adjustments = adjust(simulated.network, simulated.views), cleaned.adjustment
+        errors.append([np.mean((adjustment.places - true) ** 2) for adjustment in adjustments])
         # What stays within two sigma of its place is no outlier that could be told.
         assert (false & ~cleaned.dropped & cleaned.used[:, None]).sum() <= 1
     clean, robust = np.sqrt(np.mean(errors, axis=0))

@@ -77,8 +77,10 @@ def test_what_is_exported_passes(seed, tmp_path):
     paths = [tmp_path / f"a{suffix}" for suffix in rng.choice(suffixes, 2, replace=False)]
     try:
         body.save(*paths, **options)
-    except InputError as error:
-        pytest.skip(str(error))
+    except InputError:
+        # Not every marker fits every paper and tool.
+        assert not list(tmp_path.iterdir())
+        return
     for check in mg.verify(body, *paths):
         # The header of an STL has 80 bytes, too few for many options.
         if not (check.kind == "STL" and len(options) > 3):

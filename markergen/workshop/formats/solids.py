@@ -30,7 +30,7 @@ from markergen.model.body_json import rig_name
 from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
-from markergen.model.substrate import MEASURES, Substrate
+from markergen.model.substrate import PLATE_LENGTHS, Substrate
 from markergen.occt import import_kernel
 from markergen.solid.plate import plate_size
 from markergen.solid.primitives import COLORS, OTHER, BodyPart, Part, PosedPart, Primitive, Prism
@@ -411,7 +411,7 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
         check_no_overlap(made, body)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
     asked = options.fabrication.shape_options
-    for measure in MEASURES:
+    for measure in PLATE_LENGTHS:
         lengths = {getattr(plate.marker.substrate, measure) for plate in body.plates}
         if len(lengths) == 1 and lengths != {getattr(Substrate, measure)}:
             asked[measure] = lengths.pop()
