@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from markergen_detect import DescriptionError, Detector
+from markergen_detect import DescriptionError, Detector, Finding
 from numpy.testing import assert_allclose
 from stages import drawn
 from test_description import CAMERA, content, dots, entry, plate
@@ -76,6 +76,15 @@ def test_nothing_in_view_has_a_reason():
     assert finding.state == "few"
     assert "found 0 dots" in finding.reason
     assert finding.pixels.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("count", "reason"),
+    [(0, "no labeling fits"), (4, "no labeling fits: the best has 4 dots, and 1 more should be seen")],
+)
+def test_without_any_labeling_there_is_no_best_one(count, reason):
+    facts = {"count": count, "missing": int(count > 0), "blobs": 7, "cut": False}
+    assert Finding(False, "unfit", facts, 0, "board").reason == reason
 
 
 def test_images_are_checked():

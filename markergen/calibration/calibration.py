@@ -3,6 +3,7 @@
 # tests: tests/calibration/test_loose.py tests/calibration/test_measured_marker.py tests/cli/test_calibrate.py
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -807,9 +808,18 @@ def _expected(
 
 
 def _setting(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment) -> Setting:
-    """Working volume of the first marker, with the camera of the photographs if that sees it."""
+    """Working volume of the first marker, with the camera of the photographs if that sees it.
+
+    If the poses are not given, and no pose of the design sees the marker, it is at the distances of the photographs.
+    """
     marker = designs[adjustment.network.marker[0]]
-    try:
+    with suppress(InputError):
         return setting_of(marker, knowledge.poses, adjustment.camera)
-    except InputError:
+    try:
         return setting_of(marker, knowledge.poses)
+    except InputError:
+        if knowledge.poses is not None:
+            raise
+    distance = np.linalg.norm(adjustment.views.translation, axis=1)
+    around = f"cone:tilt=0..60,distance={distance.min():.6g}..{distance.max():.6g}m"
+    return setting_of(marker, around, adjustment.camera)

@@ -207,12 +207,13 @@ def find_dots(
     reasons |= _bent(markers, sources, camera, reasons)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
+    showing = {dots.photo for dots in seen}
     seen, doubts = _told_apart(markers, seen, camera, sources)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
     views, kept = _views(markers, seen, camera)
-    for lost in sorted({dots.photo for dots in seen} - {seen[k].photo for k in kept}):
-        reasons[lost] = "no pose sees the dots from the front"
+    for lost in sorted(showing - {seen[k].photo for k in kept}):
+        reasons[lost] = "no pose sees four dots or more from the front"
     photo = np.array([fitting[seen[k].photo] for k in kept], dtype=np.intp)
     marker = np.array([seen[k].marker for k in kept], dtype=np.intp)
     unused = odd | {fitting[k]: reason for k, reason in reasons.items()}
@@ -359,7 +360,7 @@ def _told_apart(
     markers: Sequence[Marker], seen: list[Labeled], camera: Camera, sources: Sequence[Any]
 ) -> tuple[list[Labeled], tuple[str, ...]]:
     """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
-    labeled, doubts = list(seen), []
+    labeled, doubts = dict(enumerate(seen)), list[str]()
     for number, marker in enumerate(markers):
         views = [k for k, dots in enumerate(seen) if dots.marker == number]
         if not any(seen[k].open for k in views):
@@ -371,14 +372,18 @@ def _told_apart(
             pose = _pose(markers, seen[k], camera)
             if pose is None:
                 continue
-            guess = replace(seen[k], pose=pose[:2])
-            kept.append(k)
-            if not seen[k].open:
-                options.append([guess])
-                continue
-            blobs = markergen_detect.find_dots(_grey(sources[seen[k].photo]), marker.light)
-            dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
-            options.append(alternatives(guess, group, points, radii, camera, dots))
+            labelings = [replace(seen[k], pose=pose[:2])]
+            if seen[k].open:
+                blobs = markergen_detect.find_dots(_grey(sources[seen[k].photo]), marker.light)
+                dots = blobs.center, blobs.covariance, np.pi * blobs.semi.prod(axis=1)
+                labelings = alternatives(labelings[0], group, points, radii, camera, dots)
+            if labelings:
+                kept.append(k)
+                options.append(labelings)
+            else:
+                del labeled[k]
+        if not kept:
+            continue
         settled = settle_labels(options, points, radii, camera)
         if all(seen[k].open for k in kept):
             settled, told_by_sizes = turned_to_design(settled, group, points, radii, camera)
@@ -394,7 +399,7 @@ def _told_apart(
             )
         for k, guess in zip(kept, settled.guesses, strict=True):
             labeled[k] = guess
-    return labeled, tuple(doubts)
+    return list(labeled.values()), tuple(doubts)
 
 
 def _grey(source: Any) -> NDArray[Any]:
@@ -570,6 +575,7 @@ def alternatives(
 ) -> list[Labeled]:
     """Return the labelings of a photograph that label the most of all its dots, and fit the sizes of the dots best.
 
+    None if they label fewer than `LEAST_DOTS`, as where blur leaves few dots: it could not join other photographs.
     `dots` are all of the photograph, labeled or not: centers (b, 2), covariance (b, 2, 2) and areas (b,), px.
     """
     tree, guesses = cKDTree(dots[0]), list[Labeled]()
@@ -589,6 +595,8 @@ def alternatives(
         fields = {"centers": dots[0][dot_of_blob], "covariance": dots[1][dot_of_blob], "area": area}
         guesses.append(replace(guess, index=labeled, pose=(rotation, translation), **fields))
     most = max(len(labeling.index) for labeling in guesses)
+    if most < LEAST_DOTS:
+        return []
     guesses = [labeling for labeling in guesses if len(labeling.index) == most]
     return _of_right_sizes(guesses, [labeling.misfit_of_sizes(radii) for labeling in guesses])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held
 
-from markergen.calibration.photos import Labeled, relabelings, settle_labels, turned_to_design
+from markergen.calibration.photos import Labeled, alternatives, relabelings, settle_labels, turned_to_design
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
@@ -111,3 +111,16 @@ def test_the_turn_of_all_together_is_told_by_a_dot_of_another_size_or_not_at_all
     if larger:
         for guess in turned.guesses:
             np.testing.assert_array_equal(guess.index, np.arange(30))
+
+
+@pytest.mark.parametrize(("sharp", "count"), [(30, 1), (4, 1), (3, 0), (0, 0)])
+def test_a_photograph_with_three_dots_or_fewer_at_their_places_has_no_labels(sharp, count):
+    design, none = grid(6, 5), np.zeros(30, dtype=bool)
+    (pixels,), (rotation, translation) = photographs(design, 1, np.random.default_rng(3))
+    spread = np.broadcast_to(np.eye(2), (31, 2, 2))
+    rough = Labeled(np.arange(30), pixels, spread[:30], (rotation[0], translation[0]), open=True)
+    # Blur hides the others; one blob is of something else.
+    blobs = np.concatenate([pixels[:sharp], [[1.0, 1.0]]])
+    dots = blobs, spread[: sharp + 1], np.full(sharp + 1, 200.0)
+    found = alternatives(rough, relabelings(design, none)[:1], design, np.full(30, 0.006), CAMERA, dots)
+    assert [len(each.index) for each in found] == [sharp] * count

@@ -7,7 +7,11 @@ import pytest
 
 from benchmarks.calibration_sets import CAMERA, claims, hand_held, layout, photographed, printed, simulate
 from markergen.calibration.adjustment import adjust
+from markergen.calibration.calibration import Known
 from markergen.calibration.judging import cross_validate
+from markergen.errors import InputError
+from markergen.model.spec import Spec
+from markergen.read.poses import poses_from
 
 LOOSE = (2e-4, 1e-3)
 
@@ -76,3 +80,12 @@ def test_claims_are_true_with_it(n, photos):
     dots, pose = np.mean(found, axis=0)
     assert 0.85 < dots < 1.15
     assert 0.85 < pose < 1.15
+
+
+def test_a_marker_that_no_pose_of_its_design_sees_is_judged_where_it_was_photographed(calibrated, make_ngon):
+    near = "cone:distance=2..3cm"
+    marker = replace(make_ngon(9, 0.11, 0.02), provenance={"spec": Spec(poses=near).as_dict()})
+    judged = calibrated([marker], 12, Known(CAMERA))
+    assert 0 < judged.after.rotation_deg < judged.before.rotation_deg
+    with pytest.raises(InputError, match="sees the whole marker"):
+        calibrated([marker], 12, Known(CAMERA, poses=poses_from(near)))

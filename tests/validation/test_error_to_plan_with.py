@@ -31,7 +31,7 @@ def found(expected):
     return error_to_plan_with.headline(expected, POSES, "image noise")
 
 
-def views_of(expected, factor=1.0, lost=0, seed=0):
+def views_of(expected, factor=1.0, lost=0, seed=0, hidden=0):
     """Views with errors as expected, times a factor."""
     rng, samples = np.random.default_rng(seed), []
     for pose in range(len(POSES)):
@@ -40,7 +40,7 @@ def views_of(expected, factor=1.0, lost=0, seed=0):
         samples.append({"pose": pose, "rotation_deg": deg, "translation_error_mm": [mm, 0.0, 0.0]})
     for each in samples[:lost]:
         each["rotation_deg"] = np.nan
-    return {"count": len(samples), "samples": samples}
+    return {"count": len(samples), "samples": samples, "hidden": hidden}
 
 
 def test_plan_is_first_order_over_all_poses_and_the_hardest_cell_the_largest(expected, found):
@@ -99,6 +99,15 @@ def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
     assert not check_condition("headline.rotation_deg > 0.01", results)[0]
     with pytest.raises(InputError, match="known there"):
         check_condition("headline.views.none > 0", results)
+
+
+def test_views_with_hidden_dots_contradict_nothing(expected, found):
+    seen = views_of(expected, 3.0, lost=2, hidden=1)
+    views = error_to_plan_with.compare_views(expected, POSES, seen, found, 0)
+    assert (views["all"]["rotation_deg"]["count"], views["lost"], views["disagreements"]) == (0, 2, 0)
+    lines = marker_plan({**found, "views": views})
+    assert lines[0].startswith("Plan with ")
+    assert not any("expected" in line for line in lines)
 
 
 def test_views_that_agree_are_told_as_well(expected, found):
