@@ -82,7 +82,7 @@ static int caused_row(const Case *c, int64_t i, const Pose *pose, const double *
 {
     const Camera *camera = c->s.camera;
     Dot dot = c->s.dots[c->s.matches[i].dot];
-    double v[PARAMETERS] = {0}, pixel[2], D[4];
+    double v[PARAMETERS] = {0}, pixel[2], D[4], ray[2];
     memcpy(v + FREE[c->kind].first, values, (size_t)FREE[c->kind].width * sizeof *v);
     move_dot(c, v, &dot);
     derive_row(&dot, c->s.blobs + c->s.matches[i].blob, pose, row);
@@ -91,8 +91,12 @@ static int caused_row(const Case *c, int64_t i, const Pose *pose, const double *
     const double x = pixel[0] - camera->cx, y = pixel[1] - camera->cy;
     const double bent = 1 + v[2] * (x * x / (camera->fx * camera->fx) + y * y / (camera->fy * camera->fy));
     const double moved[2] = {x * (exp(v[0]) * bent - 1) + y * v[SHUTTERS], y * (exp(v[0] + v[1]) * bent - 1)};
-    for (int a = 0; a < 2; a++)
-        row->residual[a] -= D[2 * a] * moved[0] + D[2 * a + 1] * moved[1];
+    if (moved[0] != 0 || moved[1] != 0) {
+        /* To first order where the lens shows nothing. */
+        const int shown = lens_ray(camera, pixel[0] + moved[0], pixel[1] + moved[1], ray);
+        for (int a = 0; a < 2; a++)
+            row->residual[a] -= shown ? ray[a] - row->drawn.center[a] : D[2 * a] * moved[0] + D[2 * a + 1] * moved[1];
+    }
     return row->drawn.seen && isfinite(row->residual[0]) && isfinite(row->residual[1]);
 }
 

@@ -160,6 +160,19 @@ def test_what_is_wrong_is_the_likely_cause(rng, kind):
     assert np.sqrt(np.mean(np.square(errors))) < 2
 
 
+def test_the_focal_length_is_exact_through_a_strong_lens(rng):
+    strong, dots, errors = camera((-0.3, 0.1, 0.0, 0.0, 0.0)), plate(rng, 30, sigma=1e-5), []
+    dots["xyz"] *= 3
+    dots["place"] *= 3
+    for _ in range(20):
+        pose = tilted(rng, 0.8)
+        blobs = seen(rng, dots, pose, strong, move=lambda offset: -0.1 * offset)
+        cause = judge(dots, blobs, strong, pose_of(*pose))[1]["causes"][0]
+        assert cause["kind"] == constants()["FOCAL_LENGTH"]
+        errors.append((cause["value"] - np.log(0.9)) / cause["sigma"])
+    assert np.sqrt(np.mean(np.square(errors))) < 2
+
+
 @pytest.mark.parametrize("kind", ["FOCAL_LENGTH", "DISTORTION"])
 def test_a_frontal_view_does_not_show_it(rng, kind):
     """A plane seen from the front looks the same with any focal length, and nearly so with any distortion."""
