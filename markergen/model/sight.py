@@ -34,6 +34,9 @@ NARROWEST_PX = 3.0
 RIM = 16
 """Number of points on the rim of a dot that represent its image."""
 
+AT_ONCE = 2**14
+"""Largest number of images of disks that are held at once, in some 20 MB."""
+
 BANDS, FINE_BANDS = 8, 32
 """Numbers of ranges of distance, of equal ratio, in tables and in sentences."""
 
@@ -71,6 +74,9 @@ def disks_in_view(
     diameters : array (n,), m
     least_px : float or array (n,)
     """
+    if len(poses) > 1 and len(poses) * len(points) > AT_ONCE:
+        halves = np.array_split(np.arange(len(poses)), 2)
+        return np.concatenate([disks_in_view(points, diameters, camera, poses.taken(k, 0), least_px) for k in halves])
     angle = 2 * np.pi * np.arange(RIM) / RIM
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     rims = np.repeat(points[:, None], RIM, axis=1)
