@@ -331,7 +331,9 @@ def request_of(options: Mapping[str, Any]) -> Request:
         values = {"paper": USUAL.name, **values}
         if hasattr(values.get("camera"), "read"):  # An open file can be read only once.
             values["camera"] = Camera.load(values["camera"])
-    sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
+    # An export has a gap, too, around inlays.
+    names = [name for name in DesignKeywords.__annotations__ if name in values and name != "gap"]
+    sheet = given({name: values[name] for name in names}, DesignKeywords)
     choices = choices_of(sheet)
     if page:
         values = {name: value for name, value in values.items() if name != "boundary"}

@@ -256,6 +256,12 @@ def test_another_marker_is_not_replaced_silently(tmp_path):
     assert not (tmp_path / "marker.svg").exists()
 
 
+def test_gap_between_dots_is_not_that_around_inlays(tmp_path):
+    design(**QUICK, gap="5mm", output=tmp_path / "marker.stl")
+    export(tmp_path / "marker.json", tmp_path / "again.stl")
+    assert (tmp_path / "marker.stl").read_bytes() == (tmp_path / "again.stl").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("room", "n", "objective", "count", "starts", "options"),
     [
