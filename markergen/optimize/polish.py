@@ -34,6 +34,10 @@ the number of rounds; only objects that it touches within half of that are const
 thousands. Twice as many, all that it can touch, take a fifth longer to the same layouts; without the limit of the
 movement, layouts of 40 dots are 1 to 10 % worse."""
 
+NEWTON_STEPS, TOUCHING, MARGIN = 4, 1e-6, 1e-10
+"""Most steps by which the last violations are removed, and the slack up to which constraints take part in it, and that
+they should have afterward: in radii, or squared radii."""
+
 
 def slsqp(
     cost: Callable[[Array], tuple[float, Array]],
@@ -161,12 +165,32 @@ def _rounds(
         way = [start]
         end = _run(objective, region, start, softness, iterations, reach, way)
         moved = np.abs(end - start).max()
-        start = region.project(end[None])[0]
+        start = _freed(region, region.project(end[None])[0])
         if record:
             record("polish", np.stack(way), np.stack([*way[1:], start]))
         if moved < 0.99 * reach:
             break
     return start
+
+
+def _freed(region: FeasibleRegion, layout: Array) -> Array:
+    """Layout (n, 2) in m with its last violations removed by Newton's method; itself if it is feasible.
+
+    Dots of a jammed layout that are pushed apart one after the other violate a constraint by less and less, but for
+    long by more than the tolerance: 8 of 20 polishes of 28 to 85 dots in a disk were lost by that.
+    """
+    for _ in range(NEWTON_STEPS):
+        if region.holds(layout[None])[0]:
+            break
+        scale = region.boundary.radius
+        clear, x = Clearances(region, layout, TOUCHING * scale, scale), layout / scale
+        slack = clear.slack(x)
+        near = slack < TOUCHING
+        jacobian = clear.slack_jacobian(x)[near].reshape(-1, layout.size)
+        # The least movement after which touching constraints hold, to first order.
+        move = np.linalg.lstsq(jacobian, np.maximum(MARGIN - slack[near], 0.0), rcond=None)[0]
+        layout = layout + scale * move.reshape(layout.shape)
+    return layout
 
 
 def _run(
