@@ -5,7 +5,7 @@ both are also used for packings, reliefs and layouts without a key ring.
 """
 # tests: tests/optimize/test_optimize.py tests/optimize/test_search.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,16 +146,18 @@ def polish(
     best, best_value = start, float(objective(start[None])[0]) if region.holds(start[None])[0] else np.inf
     current = start
     for softness in SOFTNESSES if objective.nonsmooth else (0.0,):
-        current = _rounds(objective, region, current, softness, iterations, record)
-        value = float(objective(current[None])[0])
-        if value < best_value and region.holds(current[None])[0]:
-            best, best_value = current, value
+        rounds = _rounds(objective, region, current, softness, iterations, record)
+        for current in rounds:
+            value = float(objective(current[None])[0])
+            if value < best_value and region.holds(current[None])[0]:
+                best, best_value = current, value
     return best, best_value
 
 
 def _rounds(
     objective: Objective, region: FeasibleRegion, start: Array, softness: float, iterations: int, record: Record | None
-) -> Array:
+) -> Iterator[Array]:
+    """Layouts (n, 2) in m after each round, feasible or not."""
     reach = np.inf
     if len(region.walls) > 1 or len(start) > ALL_PAIRS_UP_TO:
         reach = REACH * region.boundary.radius
@@ -164,13 +166,17 @@ def _rounds(
     for _ in range(ROUNDS):
         way = [start]
         end = _run(objective, region, start, softness, iterations, reach, way)
-        moved = np.abs(end - start).max()
-        start = _freed(region, region.project(end[None])[0])
+        freed = _freed(region, region.project(end[None])[0])
         if record:
-            record("polish", np.stack(way), np.stack([*way[1:], start]))
+            record("polish", np.stack(way), np.stack([*way[1:], freed]))
+        yield freed
+        if np.isfinite(reach) and region.holds(start[None])[0] and not region.holds(freed[None])[0]:
+            # Dots ran into others that were too far to be constraints.
+            reach /= 2
+            continue
+        start, moved = freed, np.abs(end - start).max()
         if moved < 0.99 * reach:
             break
-    return start
 
 
 def _freed(region: FeasibleRegion, layout: Array) -> Array:
