@@ -375,6 +375,11 @@ class Known:
     errors: ScaleErrors = field(default_factory=ScaleErrors)
     poses: str | PoseDistribution | None = None
 
+    def __post_init__(self) -> None:
+        if self.free and not self.print_sigma:
+            advice = "leave it out, or calibrate the camera by the dots as designed, with --geometry nominal"
+            raise InputError("a --print-sigma above 0 for dots to measure", "0", advice)
+
 
 def network_of(designs: Sequence[Marker], knowledge: Known, camera: Camera, names: Sequence[str]) -> Network:
     """Return the network of all dots of some markers.

@@ -77,13 +77,13 @@ def findings(
     Parameters
     ----------
     print_sigma : float, m
-        Standard deviation of a printed dot along x and y, with which the design is used.
+        Standard deviation of a printed dot along x and y, with which the design is used; of 0, the usual one.
     poses : arrays (P, 3, 3) and (P, 3), m, optional
         Working views; all tilts up to 60 deg at the distance of the photographs, if not given.
     names : sequence of str, optional
         Names of the dots, "dot 0", "dot 1" and so on if not given.
     """
-    network = adjustment.network
+    network, print_sigma = adjustment.network, print_sigma or PRINT_SIGMA
     names = [f"dot {k}" for k in range(len(network.design))] if names is None else names
     if adjustment.degrees_of_freedom <= 0:
         return (_too_few(adjustment),)
@@ -155,7 +155,8 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
     network, views = network.of_dots(often), views.of_dots(often)
     views = views.take(views.seen.sum(axis=1) >= 3)
     if not len(views):
-        return (Weakness("poses", "no photograph shows three dots or more", "show the whole marker", True),)
+        sentence = "no photograph shows three dots or more" + " that another one shows, too" * network.free
+        return (Weakness("poses", sentence, "show the whole marker", True),)
     seen = views.seen.astype(float)
     unknown = len(network.freedom) + (3 * len(network.design) - network.gauge(network.design).shape[1]) * network.free
     freedom = (

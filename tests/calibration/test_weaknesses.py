@@ -10,6 +10,7 @@ from benchmarks.calibration_sets import hand_held, in_gauge, layout, photographe
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import CameraFreedom, Length
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
+from markergen.defaults import PRINT_SIGMA
 from markergen.maths.rotation import exponential, turn_z
 
 BASE = ("fx", "cx", "cy", "k1", "k2")
@@ -148,6 +149,13 @@ def test_a_camera_alone_needs_tilt():
     assert _found(24, *hand_held(20, rng, layout(24)), names=BASE, free=False) == ()
 
 
+def test_an_exact_print_is_judged_by_the_usual_errors():
+    near = hand_held(20, np.random.default_rng(0), layout(24), tilt=(0, 4))
+    made, network = _set(24, *near, names=BASE, free=False)
+    adjusted = adjust(network, made.views)
+    assert findings(adjusted, 0.0) == findings(adjusted, PRINT_SIGMA) != ()
+
+
 def test_a_refused_set_is_worse_than_the_design_and_an_accepted_one_better():
     """By simulation: the pose of fresh views with the measured dots, against that with the designed ones."""
     rng = np.random.default_rng(0)
@@ -179,5 +187,7 @@ def test_photographs_without_enough_dots_are_told():
     found = explain(network, replace(made.views, seen=np.zeros((3, 5), dtype=bool)))
     assert found[0].refuses
     assert "no photograph" in found[0].sentence
+    alone = np.arange(3)[:, None] == [0, 0, 0, 0, 0]
+    assert "that another one shows, too" in explain(network, replace(made.views, seen=alone))[0].sentence
     agreed = explain(network, replace(made.views, seen=np.ones((3, 5), dtype=bool)))
     assert agreed[0].refuses
