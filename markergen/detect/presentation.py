@@ -72,7 +72,9 @@ def draw(frame: NDArray[Any], result: "Found") -> NDArray[Any]:
 
 
 def _eight_bits(levels: NDArray[Any]) -> NDArray[np.uint8]:
-    return np.asarray(levels if levels.dtype == np.uint8 else levels >> 8, dtype=np.uint8)
+    """Return the upper eight of the bits in use: many a sensor of 10 or 12 bits leaves the upper ones of 16 empty."""
+    unused = max(int(levels.max(initial=0)).bit_length() - 8, 0)
+    return np.asarray(levels >> unused, dtype=np.uint8)
 
 
 def _draw(canvas: NDArray[Any], result: "Found") -> None:

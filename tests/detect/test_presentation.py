@@ -76,6 +76,7 @@ def test_without_detections_the_image_stays():
     np.testing.assert_array_equal(decoded(overlay(image, []))[..., 0], image)
 
 
-def test_sixteen_bits_are_shown_in_eight():
-    image = (np.arange(60).reshape(6, 10) * 257).astype(np.uint16)
-    np.testing.assert_array_equal(decoded(overlay(image, []))[..., 1], image >> 8)
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_the_upper_eight_bits_of_a_sensor_are_shown(bits):
+    image = np.linspace(0, 2**bits - 1, 60).reshape(6, 10).astype(np.uint16)
+    np.testing.assert_array_equal(decoded(overlay(image, []))[..., 1], image >> (bits - 8))
