@@ -6,7 +6,7 @@ from typing import Any, Unpack
 
 from markergen.api.arguments import as_camera, files_among
 from markergen.defaults import VIEWS
-from markergen.errors import InputError, brief
+from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.rescale import poor_fit_sentence
@@ -93,8 +93,7 @@ def validate(
     optics = optics_from_text(settled["optics"] or "")
     judged = load_marker_or_rig(marker)
     if judged.frame == "rig" and settled["trials_for_all"]:
-        expected = "no --trials-for-all for a rig: there are no common layouts of its plates"
-        raise InputError(expected, brief(settled["trials_for_all"]), "leave it out")
+        raise InputError("a marker for --trials-for-all", "a rig, whose plates have no common layouts", "leave it out")
     views = (VIEWS if judged.radii.all() else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")

@@ -71,7 +71,7 @@ def test_the_same_views_every_time(rig):
 
 
 def test_options_that_make_no_sense_for_a_rig_are_refused(rig):
-    with pytest.raises(InputError, match=r"for a rig: "):
+    with pytest.raises(InputError, match="found a rig, whose"):
         mg.validate(rig, poses=AROUND, trials_for_all=True)
     with pytest.raises(InputError, match=r"of a plate"):
         mg.validate(rig, poses="sphere:distance=8m,count=5", runs=0, views=0)
