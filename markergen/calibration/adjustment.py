@@ -312,10 +312,10 @@ def adjust(
     Raises
     ------
     UndeterminedError
-        If a view has fewer than three dots.
+        If there is no view, or one has fewer than three dots.
     """
     factors: Array = views.seen * (np.ones(views.seen.shape) if weights is None else weights)
-    if ((factors > 0).sum(axis=1) < 3).any():
+    if not len(views) or ((factors > 0).sum(axis=1) < 3).any():
         raise UndeterminedError("three dots or more in every view")
     # In 1/m^2, of the order of what the photographs tell of a dot. The minimum does not depend on it.
     information = np.linalg.inv(views.covariance) * factors[..., None, None]

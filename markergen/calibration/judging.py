@@ -309,7 +309,8 @@ def cross_validate(adjustment: Adjustment, photo: Indices) -> CrossValidation | 
     network = photographs.network
     measured, nominal, refitted = photographs.left_out(adjustment.places)
     if not measured.suffices:
-        return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
+        counted = "one photograph is" if len(photos) == 1 else f"{len(photos)} photographs are"
+        return NotJudged(f"{counted} too few for leaving some out")
     best = refitted if len(network.freedom) else nominal
     gain = Paired.of(best, measured) if network.free else None
     return CrossValidation(photos, measured, nominal, refitted if len(network.freedom) else None, gain)

@@ -104,6 +104,8 @@ def test_too_few_photographs_are_told():
     assert isinstance(compare_halves(whole, np.arange(4)), NotJudged)
     two = adjust(made.network(), made.views.take(slice(2)))
     assert cross_validate(two, np.arange(2)) == NotJudged(sentence("few photographs", 2))
+    held = adjust(replace(made.network(), free=False), made.views.take(slice(1)))
+    assert cross_validate(held, np.arange(1)) == NotJudged(sentence("one photograph"))
 
 
 def test_held_dots_are_not_compared_with_the_design():

@@ -37,6 +37,7 @@ SENTENCES = {
     "not yet": "Keep the marker as designed: left-out photographs are predicted",
     "no better": "does not predict left-out photographs significantly better than {}",
     "few photographs": "{} photographs are too few for leaving some out",
+    "one photograph": "one photograph is too few for leaving some out",
     "variance left": "The variance that is left comes from image noise ({}), the print ({}).",
     "scale doubted": "no better than a print is expected to be",
     "weak heights": "heights of the dots",
