@@ -215,10 +215,10 @@ class Calibration(SavableResult):
         if asked and not measured:
             raise InputError("no marker.json to write with --geometry nominal", "one", "leave it out")
         if asked not in (0, markers):
-            raise InputError(f"{markers} files for {markers} markers", str(asked), "give an -o ....json for each")
+            raise InputError(f"as many files as markers, {markers}", str(asked), "give an -o ....json for each")
         if cameras and kinds.count("camera") not in (0, cameras):
             actual = str(kinds.count("camera"))
-            raise InputError(f"{cameras} files for {cameras} cameras", actual, "give an -o ....yaml for each, in order")
+            raise InputError(f"as many files as cameras, {cameras}", actual, "give an -o ....yaml for each, in order")
         if "camera" in kinds and not cameras:
             named = next(path for kind, path in targets.files if kind == "camera")
             raise InputError(
