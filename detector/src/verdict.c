@@ -93,9 +93,9 @@ static int caused_row(const Case *c, int64_t i, const Pose *pose, const double *
     const double moved[2] = {x * (exp(v[0]) * bent - 1) + y * v[SHUTTERS], y * (exp(v[0] + v[1]) * bent - 1)};
     if (moved[0] != 0 || moved[1] != 0) {
         /* To first order where the lens shows nothing. */
-        const int shown = lens_ray(camera, pixel[0] + moved[0], pixel[1] + moved[1], ray);
+        const int valid = lens_ray(camera, pixel[0] + moved[0], pixel[1] + moved[1], ray);
         for (int a = 0; a < 2; a++)
-            row->residual[a] -= shown ? ray[a] - row->drawn.center[a] : D[2 * a] * moved[0] + D[2 * a + 1] * moved[1];
+            row->residual[a] -= valid ? ray[a] - row->drawn.center[a] : D[2 * a] * moved[0] + D[2 * a + 1] * moved[1];
     }
     return row->drawn.seen && isfinite(row->residual[0]) && isfinite(row->residual[1]);
 }

@@ -191,10 +191,10 @@ def _freed(region: FeasibleRegion, layout: Array) -> Array:
         scale = region.boundary.radius
         clear, x = Clearances(region, layout, TOUCHING * scale, scale), layout / scale
         slack = clear.slack(x)
-        near = slack < TOUCHING
-        jacobian = clear.slack_jacobian(x)[near].reshape(-1, layout.size)
+        touching = slack < TOUCHING
+        jacobian = clear.slack_jacobian(x)[touching].reshape(-1, layout.size)
         # The least movement after which touching constraints hold, to first order.
-        move = np.linalg.lstsq(jacobian, np.maximum(MARGIN - slack[near], 0.0), rcond=None)[0]
+        move = np.linalg.lstsq(jacobian, np.maximum(MARGIN - slack[touching], 0.0), rcond=None)[0]
         layout = layout + scale * move.reshape(layout.shape)
     return layout
 

@@ -132,8 +132,8 @@ def sized(source: Any, size: str | None, photos: Sequence[Any] = ()) -> Any:
     if size is None:
         return source
     if not isinstance(source, str | os.PathLike):
-        given = "no camera" if source is None else brief(source)
-        raise InputError("a camera's file with --image-size", given, "give --camera FILE, or leave it out")
+        actual = "no camera" if source is None else brief(source)
+        raise InputError("a camera's file with --image-size", actual, "give --camera FILE, or leave it out")
     if not _SIZE.fullmatch(size):
         raise InputError("--image-size as width and height in px", brief(size), "write such as 640x480")
     return f"{os.fspath(source)}#{size}"
