@@ -820,11 +820,10 @@ def _setting(designs: Sequence[Marker], knowledge: Known, adjustment: Adjustment
     marker = designs[adjustment.network.marker[0]]
     with suppress(InputError):
         return setting_of(marker, knowledge.poses, adjustment.camera)
-    try:
+    if knowledge.poses is not None:
         return setting_of(marker, knowledge.poses)
-    except InputError:
-        if knowledge.poses is not None:
-            raise
+    with suppress(InputError):
+        return setting_of(marker)
     distance = np.linalg.norm(adjustment.views.translation, axis=1)
     around = f"cone:tilt=0..60,distance={distance.min():.6g}..{distance.max():.6g}m"
     return setting_of(marker, around, adjustment.camera)

@@ -575,7 +575,7 @@ def alternatives(
 ) -> list[Labeled]:
     """Return the labelings of a photograph that label the most of all its dots, and fit the sizes of the dots best.
 
-    None if they label fewer than `LEAST_DOTS`, as where blur leaves few dots: it could not join other photographs.
+    Fewer dots than `LEAST_DOTS`, as where blur leaves few, are no labeling: it could not join other photographs.
     `dots` are all of the photograph, labeled or not: centers (b, 2), covariance (b, 2, 2) and areas (b,), px.
     """
     tree, guesses = cKDTree(dots[0]), list[Labeled]()
@@ -594,16 +594,14 @@ def alternatives(
         area = np.log(dots[2][dot_of_blob]) - np.log(np.linalg.det(drawn.shape[0])) / 2 + 2 * np.log(radii[labeled])
         fields = {"centers": dots[0][dot_of_blob], "covariance": dots[1][dot_of_blob], "area": area}
         guesses.append(replace(guess, index=labeled, pose=(rotation, translation), **fields))
-    most = max(len(labeling.index) for labeling in guesses)
-    if most < LEAST_DOTS:
-        return []
+    most = max(LEAST_DOTS, *(len(labeling.index) for labeling in guesses))
     guesses = [labeling for labeling in guesses if len(labeling.index) == most]
     return _of_right_sizes(guesses, [labeling.misfit_of_sizes(radii) for labeling in guesses])
 
 
 def _of_right_sizes(candidates: Sequence[T], misfit: Sequence[float]) -> list[T]:
     """Return what the dots' sizes do not rule out."""
-    limit = min(misfit) + SURELY
+    limit = min(misfit, default=0.0) + SURELY
     return [candidate for candidate, square in zip(candidates, misfit, strict=True) if square <= limit]
 
 

@@ -122,5 +122,5 @@ def test_a_photograph_with_three_dots_or_fewer_at_their_places_has_no_labels(sha
     # Blur hides the others; one blob is of something else.
     blobs = np.concatenate([pixels[:sharp], [[1.0, 1.0]]])
     dots = blobs, spread[: sharp + 1], np.full(sharp + 1, 200.0)
-    found = alternatives(rough, relabelings(design, none)[:1], design, np.full(30, 0.006), CAMERA, dots)
-    assert [len(each.index) for each in found] == [sharp] * count
+    labelings = alternatives(rough, relabelings(design, none)[:1], design, np.full(30, 0.006), CAMERA, dots)
+    assert [len(labeling.index) for labeling in labelings] == [sharp] * count

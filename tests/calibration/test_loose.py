@@ -83,9 +83,9 @@ def test_claims_are_true_with_it(n, photos):
 
 
 def test_a_marker_that_no_pose_of_its_design_sees_is_judged_where_it_was_photographed(calibrated, make_ngon):
-    near = "cone:distance=2..3cm"
-    marker = replace(make_ngon(9, 0.11, 0.02), provenance={"spec": Spec(poses=near).as_dict()})
+    poses = "cone:distance=2..3cm"
+    marker = replace(make_ngon(9, 0.11, 0.02), provenance={"spec": Spec(poses=poses).as_dict()})
     judged = calibrated([marker], 12, Known(CAMERA))
     assert 0 < judged.after.rotation_deg < judged.before.rotation_deg
     with pytest.raises(InputError, match="sees the whole marker"):
-        calibrated([marker], 12, Known(CAMERA, poses=poses_from(near)))
+        calibrated([marker], 12, Known(CAMERA, poses=poses_from(poses)))

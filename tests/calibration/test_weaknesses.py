@@ -150,9 +150,9 @@ def test_a_camera_alone_needs_tilt():
 
 
 def test_an_exact_print_is_judged_by_the_usual_errors():
-    near = hand_held(20, np.random.default_rng(0), layout(24), tilt=(0, 4))
-    made, network = _set(24, *near, names=BASE, free=False)
-    adjusted = adjust(network, made.views)
+    poses = hand_held(20, np.random.default_rng(0), layout(24), tilt=(0, 4))
+    simulated, network = _set(24, *poses, names=BASE, free=False)
+    adjusted = adjust(network, simulated.views)
     assert findings(adjusted, 0.0) == findings(adjusted, PRINT_SIGMA) != ()
 
 

@@ -102,8 +102,8 @@ def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
 
 
 def test_views_with_hidden_dots_contradict_nothing(expected, found):
-    seen = views_of(expected, 3.0, lost=2, hidden=1)
-    views = error_to_plan_with.compare_views(expected, POSES, seen, found, 0)
+    observed = views_of(expected, 3.0, lost=2, hidden=1)
+    views = error_to_plan_with.compare_views(expected, POSES, observed, found, 0)
     assert (views["all"]["rotation_deg"]["count"], views["lost"], views["disagreements"]) == (0, 2, 0)
     lines = marker_plan({**found, "views": views})
     assert lines[0].startswith("Plan with ")
