@@ -894,6 +894,10 @@ static int64_t keep(Pool *pool, const Layout *layout, const Labeling *labeling)
     return place;
 }
 
+/* Steps of a search for each dot of a guess that is followed, and of one that is settled: what they take is 30 and 200 times what a
+   dot of a guess takes. Without the latter, keyboards take twice as long as other images full of blobs. */
+enum { FOLLOWING = 30, SETTLING = 200 };
+
 /* The labeling to which a guess leads, grown from the dot that it starts from. Returns its place in the pool or -1. */
 static int64_t follow(const Scene *scene, const Layout *layout, const Guess *guess, Work *work, Pool *pool)
 {
@@ -957,6 +961,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > 3 * count)
         return -1;
+    work->steps += SETTLING * layout->count;
     settle(scene, layout, &labeling, best_of(pool)->evidence, work);
     return keep(pool, layout, &labeling);
 }
@@ -974,23 +979,25 @@ static double stretched(const double *e, double area, double x, double y, const 
     return ratio > 1 ? acosh(ratio) : 0;
 }
 
-/* Whether any blob of about the size of a dot is near its place. */
-static int has_blob(const Scene *scene, double x, double y, double gate, double size)
+/* The square of the distance from a dot's place to the nearest blob of about its size, in units of the gate's; 1 if there is
+   none. */
+static double miss_of(const Scene *scene, double x, double y, double gate, double size)
 {
     int64_t from[2], to[2];
     const double center[2] = {x, y};
+    double least = gate * gate;
     if (!squares_around(scene, center, gate, from, to))
-        return 0;
+        return 1;
     for (int64_t row = from[1]; row <= to[1]; row++) {
         const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
         const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
         for (; member < end; member++) {
-            const double dx = scene->blobs[*member].at[0] - x, dy = scene->blobs[*member].at[1] - y;
-            if (dx * dx + dy * dy < gate * gate && fabs(scene->shown[*member].size - size) < ALIKE && !scene->taken[*member])
-                return 1;
+            const double dx = scene->blobs[*member].at[0] - x, dy = scene->blobs[*member].at[1] - y, square = dx * dx + dy * dy;
+            if (square < least && fabs(scene->shown[*member].size - size) < ALIKE && !scene->taken[*member])
+                least = square;
         }
     }
-    return 0;
+    return least / (gate * gate);
 }
 
 static void add_guess(Work *work, const Guess *guess)
@@ -999,11 +1006,11 @@ static void add_guess(Work *work, const Guess *guess)
         work->guesses[work->guess_count++] = *guess;
         return;
     }
-    /* Full: one with fewer votes goes; if there is none near, this one does. */
+    /* Full: one with more misses goes; if there is none near, this one does. */
     for (int64_t tries = 0; tries < 16; tries++) {
         work->replaced = (work->replaced + 7919) % GUESSES;
         Guess *other = work->guesses + work->replaced;
-        if (other->votes < guess->votes || (other->votes == guess->votes && other->quality > guess->quality)) {
+        if (other->misses > guess->misses) {
             *other = *guess;
             return;
         }
@@ -1066,6 +1073,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
             }
             int64_t votes = 0;
+            double misses = 0;
             for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
                 const int64_t b = part->near[part->near_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
@@ -1078,14 +1086,17 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                     votes++;
                     continue;
                 }
+                misses += 1;
                 if (!(pz > 0 && facing > 0))
                     continue;
                 const double gate = f * (DRIFT * sqrt(dx * dx + dy * dy + dz * dz) / pz + DRIFT_PX / (scene->px * f));
-                votes += has_blob(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)) / 1);
+                const double miss = miss_of(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)));
+                votes += miss < 1;
+                misses += miss - 1;
             }
             if (votes < least)
                 continue;
-            Guess guess = {{{0}, {0}, f}, votes, hypot(0.5 * log(lateral / far), 0.5 * log(size)) / allowed, which, a};
+            Guess guess = {{{0}, {0}, f}, misses, which, a};
             /* T_camera_body = T_camera_plate T_plate_body. */
             for (int row = 0; row < 3; row++) {
                 guess.pose.t[row] = t[row];
@@ -1144,13 +1155,11 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
     return count;
 }
 
-static int by_votes(const void *a, const void *b)
+static int by_misses(const void *a, const void *b)
 {
     const Guess *x = a, *y = b;
-    if (x->votes != y->votes)
-        return x->votes > y->votes ? -1 : 1;
-    if (x->quality != y->quality)
-        return x->quality < y->quality ? -1 : 1;
+    if (x->misses != y->misses)
+        return x->misses < y->misses ? -1 : 1;
     return x->start < y->start ? -1 : x->start > y->start;
 }
 
@@ -1163,14 +1172,15 @@ static int is_whole(const Layout *layout, const Labeling *labeling)
 static int follow_all(const Scene *scene, const Layout *layout, int64_t most, Work *work, Pool *pool)
 {
     if (work->guess_count > 1)
-        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_votes);
+        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_misses);
     int whole = 0;
     for (int64_t i = 0; i < work->guess_count && i < most && !whole; i++) {
-        work->steps += 30 * layout->count;
-        if (follow(scene, layout, work->guesses + i, work, pool) < 0)
+        work->steps += FOLLOWING * layout->count;
+        const int64_t place = follow(scene, layout, work->guesses + i, work, pool);
+        if (place < 0)
             continue;
-        while (hop(scene, layout, pool, work))
-            ;
+        for (int better = pool->best + place == best_of(pool); better;)
+            better = hop(scene, layout, pool, work);
         whole = is_whole(layout, best_of(pool));
     }
     work->guess_count = 0;
@@ -1214,6 +1224,11 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
     }
 }
 
+/* Where many dots have a labeling, but not the whole layout, the search takes so many times its steps: layouts that nearly repeat
+   have labelings of most dots. Of 167 dots nearly in a hexagonal grid, of which 20 to 100 were hidden, 3 of 300 views had wrong
+   labels without. */
+enum { LONGER = 3 };
+
 /* Finds the labelings of the blobs that are not taken, the best `pool`.
 
    The first n + 4 blobs, which are the most dot-like, are searched, then twice as many, and so on. Guesses that most of the
@@ -1222,8 +1237,8 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
 {
     int64_t fresh = 0, blobs = layout->count + 4, after = -1;
     /* Each constellation is searched; larger layouts take longer to label; further copies are in plain sight. */
-    const int64_t until =
-        work->steps + budget->steps * layout->constellation_count * (32 + layout->count) / (thorough ? 32 : 96);
+    const int64_t begin = work->steps;
+    const int64_t span = budget->steps * layout->constellation_count * (32 + layout->count) / (thorough ? 32 : 96);
     work->guess_count = work->replaced = work->cut = 0;
     memset(work->tried, 0, TRIED * sizeof *work->tried);
     while (fresh < scene->count) {
@@ -1235,7 +1250,8 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
                 guess_from(scene, layout, i, fresh, blobs, strong, work);
                 if (strong && work->guess_count && follow_all(scene, layout, FOLLOWED, work, pool))
                     return;
-                work->cut = work->steps > until || budget->late(budget);
+                const int longer = layout->count > MANY_DOTS && best_of(pool)->evidence > SURE;
+                work->cut = work->steps - begin > (longer ? LONGER * span : span) || budget->late(budget);
                 if (work->cut)
                     break;
             }

@@ -40,8 +40,7 @@ struct Scene {
 
 typedef struct {
     Pose pose;
-    int64_t votes;
-    double quality;
+    double misses; /* squares of the distances of near dots to blobs, in units of what is allowed, 1 for those without */
     int32_t constellation;
     int64_t start;
 } Guess;

@@ -33,6 +33,24 @@ def test_a_labeling_of_most_dots_has_to_rival_that_of_all():
     assert np.linalg.norm(found.translation - pose[1]) < 0.005 * pose[1][2]
 
 
+@pytest.mark.parametrize("hidden", [0, 40])
+def test_a_layout_that_nearly_repeats_is_labeled_right(hidden):
+    # Turned by 60 deg or moved by a spacing, most dots are 3 mm or less from where others are.
+    rng = np.random.default_rng(2)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10)))
+    grid = 0.0213 * np.column_stack([i + j / 2, np.sqrt(0.75) * j])
+    grid = grid[np.linalg.norm(grid, axis=1) < 0.14]
+    marker, camera = (
+        mg.Marker.from_points(grid + rng.uniform(-0.002, 0.002, grid.shape), 0.0145),
+        scenes.camera_of(1280, 960),
+    )
+    for _ in range(4):
+        scene = scenes.view(marker, camera, scenes.pose(camera, rng, (0.6, 1.0)), rng, hidden=hidden)
+        (found,) = mg.Detector(marker, camera)(scene.image)
+        assert len(found.ids) >= len(grid) - hidden - 4
+        assert np.abs(found.pixels - scene.pixels[found.ids]).max() < 0.5
+
+
 @pytest.mark.parametrize("k", [pytest.param(4, marks=pytest.mark.long), 12])
 def test_nothing_is_found_in_checkerboards(k):
     kind, image = quality.empty(k)
