@@ -586,7 +586,7 @@ MEASURED: Sequence[Entry] = (
     *(
         _beside(row, label, command)
         for command, row, label in (
-            (MISPRINTED, "84 designed dots, `--n auto`", "many.json"),
+            (MISPRINTED, "64 designed dots, `--n auto`", "many.json"),
             (MISPRINTED, "5 designed dots", "five.json"),
         )
     ),

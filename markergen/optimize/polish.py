@@ -5,7 +5,7 @@ both are also used for packings, reliefs and layouts without a key ring.
 """
 # tests: tests/optimize/test_optimize.py tests/optimize/test_search.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,10 @@ REACH, ROUNDS = 0.15, 4
 the number of rounds; only objects that it touches within half of that are constraints: dozens of them instead of
 thousands. Twice as many, all that it can touch, take a fifth longer to the same layouts; without the limit of the
 movement, layouts of 40 dots are 1 to 10 % worse."""
+
+NEWTON_STEPS, TOUCHING, MARGIN = 4, 1e-6, 1e-10
+"""Most steps by which the last violations are removed, and the slack up to which constraints take part in it, and that
+they should have afterward: in radii, or squared radii."""
 
 
 def slsqp(
@@ -142,16 +146,18 @@ def polish(
     best, best_value = start, float(objective(start[None])[0]) if region.holds(start[None])[0] else np.inf
     current = start
     for softness in SOFTNESSES if objective.nonsmooth else (0.0,):
-        current = _rounds(objective, region, current, softness, iterations, record)
-        value = float(objective(current[None])[0])
-        if value < best_value and region.holds(current[None])[0]:
-            best, best_value = current, value
+        rounds = _rounds(objective, region, current, softness, iterations, record)
+        for current in rounds:
+            value = float(objective(current[None])[0])
+            if value < best_value and region.holds(current[None])[0]:
+                best, best_value = current, value
     return best, best_value
 
 
 def _rounds(
     objective: Objective, region: FeasibleRegion, start: Array, softness: float, iterations: int, record: Record | None
-) -> Array:
+) -> Iterator[Array]:
+    """Layouts (n, 2) in m after each round, feasible or not."""
     reach = np.inf
     if len(region.walls) > 1 or len(start) > ALL_PAIRS_UP_TO:
         reach = REACH * region.boundary.radius
@@ -160,13 +166,37 @@ def _rounds(
     for _ in range(ROUNDS):
         way = [start]
         end = _run(objective, region, start, softness, iterations, reach, way)
-        moved = np.abs(end - start).max()
-        start = region.project(end[None])[0]
+        freed = _freed(region, region.project(end[None])[0])
         if record:
-            record("polish", np.stack(way), np.stack([*way[1:], start]))
+            record("polish", np.stack(way), np.stack([*way[1:], freed]))
+        yield freed
+        if np.isfinite(reach) and region.holds(start[None])[0] and not region.holds(freed[None])[0]:
+            # Dots ran into others that were too far to be constraints.
+            reach /= 2
+            continue
+        start, moved = freed, np.abs(end - start).max()
         if moved < 0.99 * reach:
             break
-    return start
+
+
+def _freed(region: FeasibleRegion, layout: Array) -> Array:
+    """Layout (n, 2) in m with its last violations removed by Newton's method; itself if it is feasible.
+
+    Dots of a jammed layout that are pushed apart one after the other violate a constraint by less and less, but for
+    long by more than the tolerance: 8 of 20 polishes of 28 to 85 dots in a disk were lost by that.
+    """
+    for _ in range(NEWTON_STEPS):
+        if region.holds(layout[None])[0]:
+            break
+        scale = region.boundary.radius
+        clear, x = Clearances(region, layout, TOUCHING * scale, scale), layout / scale
+        slack = clear.slack(x)
+        touching = slack < TOUCHING
+        jacobian = clear.slack_jacobian(x)[touching].reshape(-1, layout.size)
+        # The least movement after which touching constraints hold, to first order.
+        move = np.linalg.lstsq(jacobian, np.maximum(MARGIN - slack[touching], 0.0), rcond=None)[0]
+        layout = layout + scale * move.reshape(layout.shape)
+    return layout
 
 
 def _run(

@@ -70,6 +70,12 @@ def test_refining_a_forecast_makes_it_no_worse_and_keeps_it_feasible(known, fore
     assert FeasibleRegion(DISK, after.diameter, after.diameter / 10, after.gap).holds(after.points[None])[0]
 
 
+def test_refined_forecasts_fall_with_the_number_of_dots(known, forecaster):
+    """Polishing closes the last tenths of nanometers of jammed layouts; given up, they are up to 7 % worse."""
+    values = [forecaster.refined(known[n]).value for n in (52, 58, 64, 70, 76)]
+    assert values == sorted(values, reverse=True)
+
+
 def test_errors_common_to_all_dots_do_not_fall_with_their_number(setting):
     exact, scaled, calibrated = (
         Forecaster(Spec(n=AUTO, dot=0.026), setting.poses, errors, count=24).by_count()
