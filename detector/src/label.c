@@ -979,15 +979,15 @@ static double stretched(const double *e, double area, double x, double y, const 
     return ratio > 1 ? acosh(ratio) : 0;
 }
 
-/* The square of the distance from a dot's place to the nearest blob of about its size, in units of the gate's; 1 if there is
-   none. */
-static double miss_of(const Scene *scene, double x, double y, double gate, double size)
+/* How close the nearest blob of about a dot's size is to its place: 1 at the place, 0 beyond the gate, less by the square of the
+   distance. */
+static double closeness(const Scene *scene, double x, double y, double gate, double size)
 {
     int64_t from[2], to[2];
     const double center[2] = {x, y};
     double least = gate * gate;
     if (!squares_around(scene, center, gate, from, to))
-        return 1;
+        return 0;
     for (int64_t row = from[1]; row <= to[1]; row++) {
         const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
         const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
@@ -997,7 +997,7 @@ static double miss_of(const Scene *scene, double x, double y, double gate, doubl
                 least = square;
         }
     }
-    return least / (gate * gate);
+    return 1 - least / (gate * gate);
 }
 
 static void add_guess(Work *work, const Guess *guess)
@@ -1006,11 +1006,11 @@ static void add_guess(Work *work, const Guess *guess)
         work->guesses[work->guess_count++] = *guess;
         return;
     }
-    /* Full: one with more misses goes; if there is none near, this one does. */
+    /* Full: one that fits less goes; if there is none near, this one does. */
     for (int64_t tries = 0; tries < 16; tries++) {
         work->replaced = (work->replaced + 7919) % GUESSES;
         Guess *other = work->guesses + work->replaced;
-        if (other->misses > guess->misses) {
+        if (other->fit < guess->fit) {
             *other = *guess;
             return;
         }
@@ -1073,7 +1073,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
             }
             int64_t votes = 0;
-            double misses = 0;
+            double fit = 0;
             for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
                 const int64_t b = part->near[part->near_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
@@ -1084,19 +1084,19 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 work->steps++;
                 if (b == c) {
                     votes++;
+                    fit += 1;
                     continue;
                 }
-                misses += 1;
                 if (!(pz > 0 && facing > 0))
                     continue;
                 const double gate = f * (DRIFT * sqrt(dx * dx + dy * dy + dz * dz) / pz + DRIFT_PX / (scene->px * f));
-                const double miss = miss_of(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)));
-                votes += miss < 1;
-                misses += miss - 1;
+                const double close = closeness(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)));
+                votes += close > 0;
+                fit += close;
             }
             if (votes < least)
                 continue;
-            Guess guess = {{{0}, {0}, f}, misses, which, a};
+            Guess guess = {{{0}, {0}, f}, fit, which, a};
             /* T_camera_body = T_camera_plate T_plate_body. */
             for (int row = 0; row < 3; row++) {
                 guess.pose.t[row] = t[row];
@@ -1155,24 +1155,38 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
     return count;
 }
 
-static int by_misses(const void *a, const void *b)
+static int by_fit(const void *a, const void *b)
 {
     const Guess *x = a, *y = b;
-    if (x->misses != y->misses)
-        return x->misses < y->misses ? -1 : 1;
+    if (x->fit != y->fit)
+        return x->fit > y->fit ? -1 : 1;
     return x->start < y->start ? -1 : x->start > y->start;
 }
 
+/* Whether nothing is missing of what faces the camera. Of a body of several plates, two have to be seen: of one alone, the pose may be
+   mirrored, with the others turned away. */
 static int is_whole(const Layout *layout, const Labeling *labeling)
 {
-    return labeling->absent == 0 && 4 * labeling->count >= 3 * layout->count && labeling->evidence > SURE;
+    int64_t facing = 0, plate = -1, plates = 0;
+    if (labeling->absent || !(labeling->evidence > SURE))
+        return 0;
+    for (int64_t i = 0; i < layout->count; i++) {
+        Outline drawn;
+        outline_of(layout->dots + i, layout->dots[i].xyz, &labeling->pose, &drawn);
+        facing += drawn.seen && drawn.facing > LIMIT_FACING;
+        if (labeling->labels[i] >= 0 && layout->dots[i].plate != plate) {
+            plate = layout->dots[i].plate;
+            plates++;
+        }
+    }
+    return 4 * labeling->count >= 3 * (plates > 1 ? facing : layout->count);
 }
 
 /* Follows the up to `most` likeliest guesses, and forgets the others; returns 1 if the search may end. */
 static int follow_all(const Scene *scene, const Layout *layout, int64_t most, Work *work, Pool *pool)
 {
     if (work->guess_count > 1)
-        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_misses);
+        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_fit);
     int whole = 0;
     for (int64_t i = 0; i < work->guess_count && i < most && !whole; i++) {
         work->steps += FOLLOWING * layout->count;
