@@ -1239,7 +1239,7 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
 }
 
 /* Where many dots have a labeling, but not the whole layout, the search takes so many times its steps: layouts that nearly repeat
-   have labelings of most dots. Of 167 dots nearly in a hexagonal grid, of which 20 to 100 were hidden, 3 of 300 views had wrong
+   have labelings of most dots. Of 167 dots in three rows around a disk, of which 20 to 100 were hidden, 3 of 300 views had wrong
    labels without. */
 enum { LONGER = 3 };
 

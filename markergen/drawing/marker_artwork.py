@@ -54,6 +54,9 @@ CENTROID_PULL = 2e-3
 SHORTEST_ARM = 0.5
 """Minimum arm length of the center cross, mm; a shorter one would look like a speck."""
 
+SPECK = 2.0
+"""Length in mm up to which a line along the boundary, between two quiet zones, looks like dust, and is left out."""
+
 AIR = 1.0
 """Gap between an outline and a tick or the center cross, mm."""
 
@@ -229,7 +232,7 @@ def cut_lines(figure: Figure, colors: Colors) -> list[Line]:
     """Lines to cut along, mm, marker frame: ``boundary-0``... along the boundary, and ``hole-0``... of `openings`.
 
     A hole's line is closed, as is every line in a cutter's color, which leaves no ink; hairlines along the boundary are
-    interrupted at quiet zones.
+    interrupted at quiet zones, and those too short to be more than a speck are left out.
     """
     whole = colors.cut != BLACK_ON_WHITE.cut
     paths = [_path(figure, contour) for contour in figure.marker.boundary.contours() if area(contour) > 0]
@@ -237,6 +240,7 @@ def cut_lines(figure: Figure, colors: Colors) -> list[Line]:
         run
         for rim, corner in paths
         for run in _runs(rim, np.ones(len(rim), dtype=bool) if whole else _clear(rim, figure), corner)
+        if np.hypot(*np.diff(run, axis=0).T).sum() > SPECK
     ]
     cut = [_line(run, f"boundary-{index}", colors.cut) for index, run in enumerate(lines)]
     for index, opening in enumerate(openings(figure.marker)):
@@ -268,7 +272,7 @@ def free_lines(figure: Figure, colors: Colors, scale: float) -> list[Line]:
 def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[str, ...]:
     """Sentences about lines that are not where, or not as, a reader expects."""
     marker, notes = figure.marker, []
-    if not all(line.closed for line in cut):
+    if not cut or not all(line.closed for line in cut):
         notes.append(
             "The line along the boundary pauses in the quiet zones of dots; for a cutter, --colors black,cut:NAME "
             "draws it whole."
