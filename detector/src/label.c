@@ -1006,11 +1006,11 @@ static void add_guess(Work *work, const Guess *guess)
         work->guesses[work->guess_count++] = *guess;
         return;
     }
-    /* Full: one that fits less goes; if there is none near, this one does. */
+    /* Full: one with less support goes; if there is none near, this one does. */
     for (int64_t tries = 0; tries < 16; tries++) {
         work->replaced = (work->replaced + 7919) % GUESSES;
         Guess *other = work->guesses + work->replaced;
-        if (other->fit < guess->fit) {
+        if (other->support < guess->support) {
             *other = *guess;
             return;
         }
@@ -1073,7 +1073,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
             }
             int64_t votes = 0;
-            double fit = 0;
+            double support = 0;
             for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
                 const int64_t b = part->near[part->near_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
@@ -1084,7 +1084,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 work->steps++;
                 if (b == c) {
                     votes++;
-                    fit += 1;
+                    support += 1;
                     continue;
                 }
                 if (!(pz > 0 && facing > 0))
@@ -1092,11 +1092,11 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 const double gate = f * (DRIFT * sqrt(dx * dx + dy * dy + dz * dz) / pz + DRIFT_PX / (scene->px * f));
                 const double close = closeness(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)));
                 votes += close > 0;
-                fit += close;
+                support += close;
             }
             if (votes < least)
                 continue;
-            Guess guess = {{{0}, {0}, f}, fit, which, a};
+            Guess guess = {{{0}, {0}, f}, support, which, a};
             /* T_camera_body = T_camera_plate T_plate_body. */
             for (int row = 0; row < 3; row++) {
                 guess.pose.t[row] = t[row];
@@ -1155,11 +1155,11 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
     return count;
 }
 
-static int by_fit(const void *a, const void *b)
+static int by_support(const void *a, const void *b)
 {
     const Guess *x = a, *y = b;
-    if (x->fit != y->fit)
-        return x->fit > y->fit ? -1 : 1;
+    if (x->support != y->support)
+        return x->support > y->support ? -1 : 1;
     return x->start < y->start ? -1 : x->start > y->start;
 }
 
@@ -1186,7 +1186,7 @@ static int is_whole(const Layout *layout, const Labeling *labeling)
 static int follow_all(const Scene *scene, const Layout *layout, int64_t most, Work *work, Pool *pool)
 {
     if (work->guess_count > 1)
-        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_fit);
+        qsort(work->guesses, (size_t)work->guess_count, sizeof *work->guesses, by_support);
     int whole = 0;
     for (int64_t i = 0; i < work->guess_count && i < most && !whole; i++) {
         work->steps += FOLLOWING * layout->count;

@@ -40,7 +40,7 @@ struct Scene {
 
 typedef struct {
     Pose pose;
-    double fit; /* sum over near dots of how close blobs are to them, from 0 to 1 each */
+    double support; /* sum over near dots of how close blobs are to them, from 0 to 1 each */
     int32_t constellation;
     int64_t start;
 } Guess;

@@ -46,9 +46,9 @@ def test_a_layout_that_nearly_repeats_is_labeled_right(hidden):
     )
     for _ in range(4):
         scene = scenes.view(marker, camera, scenes.pose(camera, rng, (0.6, 1.0)), rng, hidden=hidden)
-        (found,) = mg.Detector(marker, camera)(scene.image)
-        assert len(found.ids) >= len(grid) - hidden - 4
-        assert np.abs(found.pixels - scene.pixels[found.ids]).max() < 0.5
+        (finding,) = mg.Detector(marker, camera)(scene.image)
+        assert len(finding.ids) >= len(grid) - hidden - 4
+        assert np.abs(finding.pixels - scene.pixels[finding.ids]).max() < 0.5
 
 
 @pytest.mark.parametrize("k", [pytest.param(4, marks=pytest.mark.long), 12])
