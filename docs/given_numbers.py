@@ -112,7 +112,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
             "a loss of # % leaves",
             "one size serve # to # m:",
         ],
-        MEANING: ["0.082 deg (# %) for", "found in # % of the views nothing"],
+        MEANING: ["0.096 deg (# %) for", "found in # % of the views nothing"],
         EXAMPLE: ["up to image errors of # px", "on pillars up to # mm high"],
     },
     "docs/validate.md": {
