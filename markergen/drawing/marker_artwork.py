@@ -240,7 +240,7 @@ def cut_lines(figure: Figure, colors: Colors) -> list[Line]:
         run
         for rim, corner in paths
         for run in _runs(rim, np.ones(len(rim), dtype=bool) if whole else _clear(rim, figure), corner)
-        if np.hypot(*np.diff(run, axis=0).T).sum() > SPECK
+        if (run[0] == run[-1]).all() or np.hypot(*np.diff(run, axis=0).T).sum() > SPECK
     ]
     cut = [_line(run, f"boundary-{index}", colors.cut) for index, run in enumerate(lines)]
     for index, opening in enumerate(openings(figure.marker)):

@@ -478,3 +478,25 @@ def test_a_layout_takes_few_calls(make_ngon):
             sys.setprofile(None)
         # 71,000 to 118,000, most of them for points of letters; one more layout on trial would double them.
         assert calls < 180_000
+
+
+def ring_of_dots(count, radius, dot, boundary):
+    angle = np.arange(count) * 2 * np.pi / count
+    marker = Marker.from_points(radius * np.column_stack([np.cos(angle), np.sin(angle)]), dot)
+    return replace(marker, boundary=Circle(boundary))
+
+
+def test_a_line_along_the_boundary_leaves_no_specks():
+    # Between the quiet zones, 1.5 to 2.3 mm are left of it, and 6.1 mm or more if it is farther out.
+    crowded, free = (sheet_for(ring_of_dots(46, 0.14, "9.7mm", boundary)) for boundary in (0.146, 0.148))
+    lengths = [np.hypot(*np.diff(line.points, axis=0).T).sum() for line in crowded.scene["cut"]]
+    assert 0 < len(lengths) < 46
+    assert min(lengths) > 2
+    assert len(free.scene["cut"]) == 46
+
+
+def test_a_small_boundary_is_cut_whole():
+    (sheet,) = pages_for(
+        [ring_of_dots(5, 2e-4, "0.08mm", 2.5e-4)], SheetOptions(colors=parse_colors("black,cut:CutContour"))
+    )
+    assert [line.closed for line in sheet.scene["cut"]] == [True]
