@@ -45,7 +45,11 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
         ],
     },
     "docs/rigs.md": {
-        DEFAULT: ["tilted by less than # deg", "(from # deg on, with a short axis of # px)"],
+        DEFAULT: [
+            "views with noise of # px",
+            "tilted by less than # deg",
+            "(from # deg on, with a short axis of # px)",
+        ],
         MEANING: ["a dot more than # px off", "more than # degrees or # %", "its # % `interval`"],
         SETTING: [
             "A cube of # mm with",
@@ -93,8 +97,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
             "a print good to # mm unless",
             "In # % of the poses the images of its dots are at least # px",
             "and # px or more apart",
-            "it is # px or more; of more",
-            "are at least # px apart from",
+            "undecided, with noise of # px",
             "is more than # times as far",
             "Dots are # times as large",
             "sees whole, # px or more inside",

@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.bounds.confusion.evidence import RARELY, undecided
 from markergen.bounds.confusion.perspective import MANY, layout_safety
+from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.bounds.crowding import separating_gap
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
-from markergen.defaults import MEASURED_SIGMA, PRINT_SIGMA
+from markergen.defaults import MEASURED_SIGMA, NOISE_PX, PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance
@@ -67,9 +69,6 @@ FEWEST_SITES = 12
 
 ROW = 0.9
 """Distance between rows of dots that follow the edge, as a fraction of the spacing."""
-
-SAFE_PX = 1.0
-"""Label safety in px that the dots should have."""
 
 HOPEFUL, QUICK = 1.2, 25
 """Ratio of a forecast to the least error up to which refining it may show it to be near, and iterations of that."""
@@ -169,7 +168,7 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
     """Settle the number of dots, and unless the spec has one their diameter.
 
     The fewest dots are chosen whose forecast is within `NEAR_BEST` of the least of up to 200 dots. All are at least
-    `RELIABLE_PIXELS` large in `SHARE` of the poses, and labels are safe to `SAFE_PX`.
+    `RELIABLE_PIXELS` large in `SHARE` of the poses, and the detector decides their labels.
 
     Raises
     ------
@@ -257,19 +256,20 @@ def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "
 
 
 def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
-    """Whether labels are safe to `SAFE_PX`, RMS over all dots, or of many over those that a labeling exchanges.
+    """Whether the detector decides the labels from every pose.
 
-    The nearest rival labelings of many dots exchange two neighbors, which lie halfway between their images then.
+    The nearest rival labelings of many dots exchange two neighbors, at a distance sqrt(2) times that of their images.
     """
     if forecast.n <= MANY:
-        return layout_safety(forecast.points, setting, not spec.asymmetric).least >= SAFE_PX
+        return layout_safety(forecast.points, setting, not spec.asymmetric).is_decided
     from scipy.spatial.distance import pdist
 
     poses, first = setting.poses, np.triu_indices(forecast.n, 1)
     nearest = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
     seen = spec.camera.project(forecast.points, poses.rotation, poses.translation)
-    gaps = seen[:, first[0][nearest]] - seen[:, first[1][nearest]]
-    return float(np.linalg.norm(gaps, axis=-1).min()) / 2 >= SAFE_PX
+    gaps = np.linalg.norm(seen[:, first[0][nearest]] - seen[:, first[1][nearest]], axis=-1).min(axis=-1)
+    extent = seen_layout(forecast.points, np.zeros(forecast.n, dtype=np.intp), spec.camera, poses).extent
+    return bool(undecided(np.sqrt(2) * gaps, forecast.n, extent, NOISE_PX).max() <= RARELY)
 
 
 class Forecaster:

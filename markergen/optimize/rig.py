@@ -17,9 +17,11 @@ import numpy as np
 
 from markergen import __version__
 from markergen.arrays import Array, Indices
-from markergen.bounds.confusion.affine import foreign_safety
+from markergen.bounds.confusion.affine import ForeignSafety, foreign_safety
+from markergen.bounds.confusion.evidence import DECIDED, RARELY, odds, two_digits
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.bounds.dot_covariances import body_bounds
+from markergen.defaults import NOISE_PX
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Boundary, Circle
@@ -92,8 +94,8 @@ Of a wall of six plates with tags, none leaves 9 % more rotation error, one 0.9 
 REFINING = 0.05
 """Largest step of the first attempt after the first round, in radii of a plate: a layout is distinct by then."""
 
-APART_PX = 1.0
-"""Demanded safety in px against taking a plate for another, RMS over its dots, from every pose that sees it."""
+APART_PX = 2.4
+"""Distance D in px between plates of 4 to 8 dots at which the detector decides (see `markergen.bounds.confusion`)."""
 
 ATTEMPTS, FARTHER = 4, 1.5
 """Number of layouts tried for a plate that is not safe enough, and factor of the affine distance from one to the next:
@@ -180,7 +182,7 @@ class RigSearch:
         self.blocks, self.given = tuple(blocks), given
         self.is_joint = not any(OBJECTIVES[name].planar_only for name in parse_goal(spec.objective).names)
         self.is_tagged = bool(blocks[0].spec.tag)
-        self._safeties: dict[tuple[Face | None, bytes, bytes], float] = {}
+        self._safeties: dict[tuple[Face | None, bytes, bytes], ForeignSafety] = {}
         faces = [face for block in blocks if (face := block.face)]
         outline = [
             silhouette(face.boundary) @ np.array(face.rotation).T[:2] + np.array(face.translation) for face in faces
@@ -228,7 +230,7 @@ class RigSearch:
             # Before their first turn, plates still have the layout of their shape.
             others = [j for j in range(len(blocks)) if j < k or (j > k and (sweep or j in self.given))]
             rough = objective_of(block.spec, _few(setting), ngon)
-            distance = 2 * APART_PX / PIXELS * block.diameter
+            distance = APART_PX / np.sqrt(len(block.points)) / PIXELS * block.diameter
             best, most = block.points, -1.0
             for attempt in range(ATTEMPTS):
                 apart = [blocks[j].points for j in others]
@@ -237,10 +239,10 @@ class RigSearch:
                 layout = distinct_layout(objective, rough, block.region, block.points, apart, farther, rng, largest)
                 moved = replace(block, points=layout)
                 pairs = [pair for j in others for pair in ((moved, blocks[j]), (blocks[j], moved))]
-                least = min((self._safety(*pair) for pair in pairs), default=np.inf)
-                if least > most:
-                    best, most = layout, least
-                if least >= APART_PX:
+                least = min((self._safety(*pair) for pair in pairs), default=ForeignSafety())
+                if least.px > most:
+                    best, most = layout, least.px
+                if least.undecided <= RARELY:
                     break
             return best
 
@@ -264,11 +266,11 @@ class RigSearch:
             return Certificate(dots, np.nan, reason=reason)
         return self.problem.certify(self.blocks, self.see(self.blocks), value, progress)
 
-    def safety(self, k: int, j: int) -> float:
-        """Safety in px against taking plate k for plate j, see `foreign_safety`."""
+    def safety(self, k: int, j: int) -> ForeignSafety:
+        """Safety against taking plate k for plate j."""
         return self._safety(self.blocks[k], self.blocks[j])
 
-    def _safety(self, block: Block, other: Block) -> float:
+    def _safety(self, block: Block, other: Block) -> ForeignSafety:
         key = block.face, block.points.tobytes(), other.points.tobytes()
         if key not in self._safeties:
             self._safeties[key] = foreign_safety(block.points, other.points, block.setting)
@@ -350,7 +352,7 @@ def design_rig(
         joint=joint,
         single=single,
         told_apart=sentence,
-        safety=safety,
+        safety=safety.px,
         value=layouts.value if layouts.is_joint else 0.0,
         account=_account(rig, covered, joint, single, reason, safety, layouts.certify),
     )
@@ -364,7 +366,7 @@ def _account(
     joint: Array,
     single: Array,
     dots: str,
-    safety: float,
+    safety: ForeignSafety,
     certify: Callable[[float, Progress | None], Certificate],
 ) -> Account:
     """Plates, dots, what the poses see of them, and expected errors over the poses that see a plate."""
@@ -406,10 +408,10 @@ def _account(
                   "translation_m": dict(zip(("median", "rms"), values[2:], strict=True))}
             for key, values in zip(("joint", "single"), expected, strict=True)
         },
-        "label_safety_px": safety,
+        "label_safety_px": safety.px,
     }  # fmt: skip
     table = Table(f"Expected error for {stored['noise']}", header, rows)
-    return Account(summary, table, (warning,) if safety < APART_PX else (), certify, results)
+    return Account(summary, table, (warning,) if safety.undecided > RARELY else (), certify, results)
 
 
 def _sized(
@@ -487,24 +489,28 @@ def _dressed(block: Block, dots: DotSize) -> Marker:
     return marker
 
 
-def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, float]:
-    """How the plates are told apart, in words, and the least safety in px."""
+def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSafety]:
+    """How the plates are told apart, in words, and the least safety."""
     names = [block.face.name for block in layouts.blocks if block.face]
     if tags:
         ids = [tag.rpartition(":")[2] for tag in tags]
         others = ", and by what they were given" if layouts.given else ""
         family = tags[0].rpartition(":")[0]
-        return f"the plates are told apart by their tags, {family}:{ids[0]} to {ids[-1]}{others}", np.inf
+        return f"the plates are told apart by their tags, {family}:{ids[0]} to {ids[-1]}{others}", ForeignSafety()
     if len(names) == 1:
-        return "there is one plate", np.inf
+        return "there is one plate", ForeignSafety()
     safety = {(names[a], names[b]): layouts.safety(a, b) for a, b in permutations(range(len(names)), 2)}
     (first, second), least = min(safety.items(), key=lambda item: item[1])
-    if not np.isfinite(least):
+    if not np.isfinite(least.px):
         return "the plates are told apart by their numbers of dots", least
-    if least < ALIKE_PX:
+    if least.px < ALIKE_PX:
         return f"nothing tells {first} from {second}: their layouts are the same", least
+    likely = f"with noise of {NOISE_PX:g} px {first} is {odds(least.margin)} times as likely as {second}"
+    if least.undecided > RARELY:
+        share = f"{100 * least.undecided:.2g} % of such views"
+        return f"layouts may not tell the plates apart: {likely}; {share} do not reach e^{DECIDED:g}", least
     return (
-        f"the plates are told apart by their layouts while dots move by less than {least:.2g} px RMS; "
-        f"then {first} fits as well as {second}",
+        f"the plates are told apart by their layouts: {likely}, and e^{DECIDED:g} decides; "
+        f"{first} fits best while dots move by less than {two_digits(least.px)} px RMS",
         least,
     )

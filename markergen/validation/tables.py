@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from markergen.bounds.confusion.evidence import DECIDED
 from markergen.model.sight import distance_table
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
@@ -157,7 +158,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
-    """Label margin of each dot, or of the least safe: its worst pose, and the dot that it is confused with."""
+    """Label safety of each dot, or of the least safe: its worst pose, and the dots that it is confused with."""
     labels = results["labels"]
     dots = labels["dots"]
     title = "How safely each dot is told apart"
@@ -165,12 +166,13 @@ def labels_table(results: Mapping[str, Any]) -> Table:
         dots = sorted(dots, key=lambda dot: np.inf if dot["px"] is None else dot["px"])[:MOST_DOTS]
         title += f": the {MOST_DOTS} least safe of {len(labels['dots'])}"
     rows = [
-        [str(dot["id"]), "-", "-", "-", "-", "never: no other dot is like it"]
+        [str(dot["id"]), "-", "-", "-", "-", "-", "never: no other dot is like it"]
         if dot["px"] is None
         else [
             str(dot["id"]),
             number(dot["px"]),
-            "<1e-6" if dot["confusion"] < 1e-6 else f"{dot['confusion']:.2g}",
+            number(dot["margin"]),
+            "<1e-6" if dot["undecided"] < 1e-6 else f"{dot['undecided']:.2g}",
             f"{dot['tilt_deg']:.3g}",
             f"{dot['distance_m']:.3g}",
             dot["in_words"],
@@ -180,15 +182,17 @@ def labels_table(results: Mapping[str, Any]) -> Table:
     header = [
         "dot",
         "safe to, px",
-        f"confused at {labels['noise_px']:g} px",
+        "margin",
+        "undecided",
         "tilt, deg",
         "distance, m",
         "then fits as well",
     ]
     caption = (
         "Safe to: RMS displacement of all dots in the image up to which the true labels fit best, from every pose; "
-        f"tilt and distance of the worst one. Confused: probability that noise of {labels['noise_px']:g} px in every "
-        "coordinate makes the other labels fit better there."
+        f"tilt and distance of the worst one. Margin: expected logarithm of how many times as likely they are, with "
+        f"noise of {labels['noise_px']:g} px in every coordinate; the detector asks for {DECIDED:g}. Undecided: "
+        "probability that it is less."
     )
     return Table(title, header, rows, caption)
 

@@ -141,7 +141,7 @@ def _of_marker(
         exact = series.errors.camera_covariance is None
         of_views = expected if exact else expect(without_calibration(series), noise_px, seed)
         claim["views"] = error_to_plan_with.compare_views(of_views, series.poses, views, claim, seed)
-    labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
+    labels = label_safety(marker, setting, noise_px).as_dict() if marker.dot_diameter else None
     dots = _extent(marker, setting) if marker.dot_diameter else None
     covered = _coverage(marker, setting, expected.rotation_deg, records) if setting.sight else None
     return measurements.as_dict(

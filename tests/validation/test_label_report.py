@@ -36,7 +36,7 @@ def test_a_section_on_telling_the_dots_apart(pentagon, setting):
     few = Setting(setting.boundary, setting.camera, POSES.taken(np.arange(0, 400, 40), 0))
 
     def section(marker, known=True):
-        results = {"labels": label_safety(marker, few).as_dict(0.2)} if known else {}
+        results = {"labels": label_safety(marker, few).as_dict()} if known else {}
         return report.labels(Subject(results, marker, few, None))
 
     keyed, symmetric = section(pentagon), section(without_ring(pentagon))
@@ -44,7 +44,7 @@ def test_a_section_on_telling_the_dots_apart(pentagon, setting):
     assert [row[1] for row in keyed.tables[0][2]].count("-") == 1
     assert "ring" not in symmetric.sentences[0].lower()
     assert symmetric.sentences[1].startswith("Labels are ambiguous")
-    assert {row[2] for row in symmetric.tables[0][2]} == {"0.5"}
+    assert {row[3] for row in symmetric.tables[0][2]} == {"1"}
     assert "markergen validate" in section(pentagon, known=False).missing
     bare = replace(pentagon, control_points=tuple(replace(p, feature=Feature(0.0)) for p in pentagon.control_points))
     assert "Bare points" in section(bare, known=False).missing

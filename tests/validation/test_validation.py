@@ -131,9 +131,10 @@ def test_trials_of_the_others_belong_to_one_layout(pentagon):
 
 def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
     labels = results["labels"]
-    assert labels == json.loads(json.dumps(label_safety(pentagon, setting).as_dict(0.2)))
+    assert labels == json.loads(json.dumps(label_safety(pentagon, setting).as_dict()))
     assert labels["dots"][0] == {"id": 0, "px": None}
-    assert labels["confusion"] < 1e-6
+    assert labels["undecided"] < 1e-6
+    assert labels["margin"] == min(dot["margin"] for dot in labels["dots"][1:])
     assert sentences.trial_sentences(results)[0].startswith("Labels are safe")
     rows = tables.labels_table(results)[2]
     assert rows[0][-1] == sentence("never alike")

@@ -14,10 +14,12 @@ checks the first with poses and perspective, in px.
 from dataclasses import replace
 from functools import cache
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
 from markergen.arrays import Array, Indices
+from markergen.bounds.confusion.evidence import margin, undecided
 from markergen.bounds.confusion.perspective import (
     ANGLES_OF_MANY,
     MANY,
@@ -27,7 +29,8 @@ from markergen.bounds.confusion.perspective import (
     find_rivals,
     representative,
 )
-from markergen.bounds.confusion.rival_fits import seen_layout
+from markergen.bounds.confusion.rival_fits import Rivals, SeenLayout, seen_layout
+from markergen.defaults import NOISE_PX
 from markergen.objectives import Setting
 
 ENUMERATED, RINGS_TOLD = 8, 7
@@ -172,22 +175,37 @@ def likeness(points: Array, among: Array) -> float:
     return best
 
 
-def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
-    """Safety in px against taking a plate with dots `points` (n, 2) for one with `other` (n, 2), from any pose.
+class ForeignSafety(NamedTuple):
+    """Safety against taking a plate for another one.
 
-    As long as the images of the dots are displaced by less than that, RMS over the dots, the plate itself fits better.
-    inf for another number of dots.
+    Attributes
+    ----------
+    px : float
+        RMS displacement of the images of the dots below which the plate itself fits best.
+    margin, undecided : float
+        As of `LabelSafety`, with noise of `NOISE_PX`.
+    """
+
+    px: float = np.inf
+    margin: float = np.inf
+    undecided: float = 0.0
+
+
+def foreign_safety(points: Array, other: Array, setting: Setting) -> ForeignSafety:
+    """Least safety against taking a plate with dots `points` (n, 2) for one with `other` (n, 2), over all poses.
+
+    Another number of dots is safe.
     """
     n = len(points)
     if n != len(other):
-        return float("inf")
+        return ForeignSafety()
     kinds = np.zeros(n, dtype=np.intp)
     kinds[0] = n >= RINGS_TOLD
     seen = seen_layout(points, kinds, setting.camera, setting.poses)
     scene = replace(seen, points=np.column_stack([other, np.zeros(n)]))
     at = representative(setting.poses, REPRESENTATIVE if n <= MANY else REPRESENTATIVE_OF_MANY)
     if n > ENUMERATED:
-        return float(find_rivals(scene, at).px.min(initial=np.inf))
+        return _of_nearest(find_rivals(scene, at), scene)
     labelings, basis = _labelings(n, n >= RINGS_TOLD), _orthonormal(other)
     images = scene.images[at] * [1, -1]
     left = _left(images, basis[labelings])
@@ -196,4 +214,12 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> float:
     taken = np.argsort(labelings, axis=-1)[best].reshape(-1, n)
     rivals = scene.fit(taken, np.repeat(at, best.shape[1]), rough=True)
     nearest = rivals.take(np.flatnonzero(rivals.px <= NEAR * rivals.px.min(initial=np.inf)))
-    return float(scene.refit(nearest).px.min(initial=np.inf))
+    return _of_nearest(scene.refit(nearest), scene)
+
+
+def _of_nearest(rivals: Rivals, scene: SeenLayout) -> ForeignSafety:
+    if not len(rivals):
+        return ForeignSafety()
+    nearest = rivals.take(np.array([rivals.distance.argmin()]))
+    seen = nearest.distance, len(scene.points), scene.extent[nearest.pose], NOISE_PX
+    return ForeignSafety(float(nearest.px[0]), float(margin(*seen)[0]), float(undecided(*seen)[0]))

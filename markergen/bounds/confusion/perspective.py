@@ -6,8 +6,7 @@ less than d, RMS over the dots, the true labeling fits better than that rival. T
 is displaced by more than d. The bound is proved and tight: the displacement halfway to the rival's images, of exactly
 that RMS, makes the rival fit as well as the true pose. Labels whose safety is below `SAME_PX` are ambiguous.
 
-With noise of sigma px in every coordinate the rival fits better with a probability of about Q(sqrt(n) d/sigma), Q being
-the tail of the normal distribution; all dots together contribute.
+The detector asks for more: labels are decided where their evidence exceeds the rival's by enough (see `evidence`).
 
 **Search.** A rival's images are the same set of points as the true ones. To first order its pose therefore preserves
 mean and covariance of the set, which leaves one degree of freedom: the rotation angle of the whitened set,
@@ -22,7 +21,9 @@ from itertools import chain
 import numpy as np
 
 from markergen.arrays import Array, Indices
+from markergen.bounds.confusion.evidence import DECIDED, RARELY, margin, odds, two_digits, undecided
 from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
+from markergen.defaults import NOISE_PX
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
@@ -82,6 +83,11 @@ class LabelSafety:
         Index of the pose of that rival.
     ids : tuple of int
         Ids of the dots in sentences.
+    noise_px : float
+        Standard deviation of the noise in every coordinate for the following two.
+    margin, undecided : arrays (n,)
+        Expected difference in nats of the detector's evidence for the true labels and for that rival's, and the
+        probability that the detector does not decide, both at the rival's pose (see `evidence`).
     """
 
     px: Array
@@ -89,6 +95,9 @@ class LabelSafety:
     pose: Indices
     poses: PoseDistribution
     ids: tuple[int, ...]
+    noise_px: float
+    margin: Array
+    undecided: Array
 
     @property
     def least(self) -> float:
@@ -100,16 +109,10 @@ class LabelSafety:
         """Index of the least safe dot."""
         return int(self.px.argmin())
 
-    def confusion(self, sigma: float) -> Array:
-        """Probability (n,) that noise of sigma px in every coordinate makes each dot's nearest rival fit better.
-
-        Evaluated at the rival's pose, the worst one; 0.5 for a dot where the rival labeling fits exactly.
-        """
-        from scipy.special import erfc
-
-        with np.errstate(divide="ignore", invalid="ignore"):
-            far = np.sqrt(len(self.px) / 2) * self.px / sigma
-        return np.asarray(0.5 * erfc(np.where(self.px < SAME_PX, 0.0, far)))
+    @property
+    def is_decided(self) -> bool:
+        """True if the detector decides for the true labels from every pose, but for a share of views of `RARELY`."""
+        return bool(self.undecided.max() <= RARELY)
 
     @property
     def sentence(self) -> str:
@@ -120,9 +123,14 @@ class LabelSafety:
         seen = f"tilt {self.poses.polar_angle_deg[pose]:.0f} deg, distance {self.poses.distance[pose]:.3g} m"
         if self.least < SAME_PX:
             return f"labels are ambiguous: with {rival} the marker looks the same ({seen})"
+        likely = f"{odds(self.margin[self.worst])} times as likely as with {rival} ({seen})"
+        noise = f"with noise of {self.noise_px:g} px they are {likely}"
+        if not self.is_decided:
+            share = 100 * self.undecided.max()
+            return f"labels may be undecided: {noise}; {share:.2g} % of such views do not reach e^{DECIDED:g}"
         return (
-            f"labels are safe while dots move by less than {_px(self.least)} px RMS; "
-            f"then they fit as well with {rival} ({seen})"
+            f"labels are safe: {noise}, and e^{DECIDED:g} decides; "
+            f"they fit best while dots move by less than {two_digits(self.least)} px RMS"
         )
 
     @property
@@ -131,7 +139,7 @@ class LabelSafety:
         if np.isinf(self.least) or self.px.max() <= self.least + SAME_PX:
             return (self.sentence,)
         safest = int(self.px.argmax())
-        never = "never taken for another" if np.isinf(self.px[safest]) else f"safe to {_px(self.px[safest])} px"
+        never = "never taken for another" if np.isinf(self.px[safest]) else f"safe to {two_digits(self.px[safest])} px"
         return self.sentence, f"the least safe dot is {self.ids[self.worst]}, the safest is {self.ids[safest]}, {never}"
 
     def in_words(self, dot: int) -> str:
@@ -158,45 +166,38 @@ class LabelSafety:
                 cycles.append(tuple(self.ids[i] for i in cycle))
         return tuple(cycles)
 
-    def as_dict(self, sigma: float) -> dict[str, object]:
-        """Return the report as plain JSON values, with the confusion by noise of sigma px.
+    def as_dict(self) -> dict[str, object]:
+        """Return the report as plain JSON values.
 
         For a dot that is never taken for another, px is null and the other entries are absent.
         """
-        confusion = self.confusion(sigma)
+        has_rival = np.isfinite(self.px)
         return {
             "least_px": self.least if np.isfinite(self.least) else None,
-            "noise_px": sigma,
-            "confusion": float(confusion.max()),
+            "noise_px": self.noise_px,
+            "margin": float(self.margin.min()) if has_rival.any() else None,
+            "undecided": float(self.undecided.max()),
             "sentences": list(self.sentences),
             "dots": [
                 {
                     "id": self.ids[i],
                     "px": float(self.px[i]),
-                    "confusion": float(confusion[i]),
+                    "margin": float(self.margin[i]),
+                    "undecided": float(self.undecided[i]),
                     "rival": {str(self.ids[a]): self.ids[int(b)] for a, b in enumerate(self.labels[i]) if a != b},
                     "in_words": self.in_words(i),
                     "tilt_deg": float(self.poses.polar_angle_deg[self.pose[i]]),
                     "distance_m": float(self.poses.distance[self.pose[i]]),
                 }
-                if np.isfinite(self.px[i])
+                if has_rival[i]
                 else {"id": self.ids[i], "px": None}
                 for i in range(len(self.px))
             ],
         }
 
 
-def _px(safety: float) -> str:
-    """Two digits, without an exponent.
-
-    >>> _px(0.571), _px(163.4)
-    ('0.57', '160')
-    """
-    return f"{float(f'{safety:.2g}'):g}"
-
-
-def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
-    """Label safety of a marker's dots, seen from the poses of a setting.
+def label_safety(marker: Marker, setting: Setting, noise_px: float = NOISE_PX) -> LabelSafety:
+    """Label safety of a marker's dots, seen from the poses of a setting with noise of `noise_px`.
 
     Rings differ from disks by appearance; dots of equal appearance differ only by position. All dots are assumed
     visible. Sizes of dots and shapes of their images, which would help, are ignored. Heights of control points count.
@@ -204,27 +205,23 @@ def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
     Dots of several sizes are told apart by their size: the safety of each is that among those of its own, at the poses
     that see all of these.
     """
-    if setting.sight:
-        return _by_size(marker, setting)
     kinds = np.array([point.feature.kind == "ring" for point in marker.control_points], dtype=np.intp)
-    scene = seen_layout(marker.xyz, kinds, setting.camera, setting.poses)
-    return safety_of(scene, tuple(point.id for point in marker.control_points))
-
-
-def _by_size(marker: Marker, setting: Setting) -> LabelSafety:
-    assert setting.sight is not None
+    ids = tuple(point.id for point in marker.control_points)
+    if not setting.sight:
+        return safety_of(seen_layout(marker.xyz, kinds, setting.camera, setting.poses), ids, noise_px=noise_px)
     n = len(marker)
     px, labels, at = np.full(n, np.inf), np.tile(np.arange(n), (n, 1)), np.zeros(n, dtype=np.intp)
+    margins, shares = np.full(n, np.inf), np.zeros(n)
     for scale in (constellation.dots for constellation in marker.constellations):
         whole = np.flatnonzero(setting.sight.seen[:, scale].all(axis=1))
         if not whole.size:
             continue
-        kinds = np.array([marker.control_points[i].feature.kind == "ring" for i in scale], dtype=np.intp)
         poses = setting.poses.taken(whole, setting.poses.dropped)
-        safety = safety_of(seen_layout(marker.xyz[scale], kinds, setting.camera, poses))
+        safety = safety_of(seen_layout(marker.xyz[scale], kinds[scale], setting.camera, poses), noise_px=noise_px)
         px[scale], at[scale] = safety.px, whole[safety.pose]
+        margins[scale], shares[scale] = safety.margin, safety.undecided
         labels[np.ix_(scale, scale)] = scale[safety.labels]
-    return LabelSafety(px, labels, at, setting.poses, tuple(point.id for point in marker.control_points))
+    return LabelSafety(px, labels, at, setting.poses, ids, noise_px, margins, shares)
 
 
 def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:
@@ -234,7 +231,9 @@ def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:
     return safety_of(seen_layout(points, kinds, setting.camera, setting.poses))
 
 
-def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | None = None) -> LabelSafety:
+def safety_of(
+    scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | None = None, noise_px: float = NOISE_PX
+) -> LabelSafety:
     """Label safety of a scene; ids default to 0, 1, ... and rivals to the result of a search."""
     n = len(scene.points)
     rivals = worst_rivals(scene) if rivals is None else rivals
@@ -247,7 +246,8 @@ def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | Non
     labels, pose = np.tile(scene.truth, (n, 1)), np.zeros(n, dtype=np.intp)
     row = np.argmax(away[:, has_rival] <= px[has_rival] + SAME_PX, axis=0) if has_rival.any() else []
     labels[has_rival], pose[has_rival] = np.argsort(rivals.labeling[row], axis=-1), rivals.pose[row]
-    return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)))
+    seen = 2 * np.sqrt(n) * px, n, scene.extent[pose], noise_px
+    return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)), noise_px, margin(*seen), undecided(*seen))
 
 
 def worst_rivals(scene: SeenLayout) -> Rivals:

@@ -118,6 +118,14 @@ class SeenLayout:
         """Minimum cosine of a rival's tilt."""
         return float(min(EDGE_ON, 0.5 * self.poses.cos_tilt.min()))
 
+    @cached_property
+    def extent(self) -> Array:
+        """Largest distance (P,) of a dot from their middle, in px at the distance of that."""
+        middle = self.points.mean(axis=0)
+        size = np.linalg.norm(self.points - middle, axis=-1).max()
+        depth = to_camera(middle[None], self.poses.rotation, self.poses.translation)[:, 0, 2]
+        return np.asarray(self.camera.fx * size / depth)
+
     @property
     def truth(self) -> Indices:
         """The true labeling (n,)."""

@@ -73,5 +73,7 @@ def test_safety_is_that_of_the_thorough_search():
     other = type(scene)(
         np.column_stack([OTHER, np.zeros(6)]), scene.kinds, scene.camera, poses, scene.rays, scene.images
     )
-    assert found == pytest.approx(find_rivals(other, at).px.min(), rel=0.01)
-    assert foreign_safety(ONE, ONE[::-1], setting) == pytest.approx(0, abs=1e-6)
+    assert found.px == pytest.approx(find_rivals(other, at).px.min(), rel=0.01)
+    turned = foreign_safety(ONE, ONE[::-1], setting)
+    assert turned.px == pytest.approx(0, abs=1e-6)
+    assert turned.undecided == 1
