@@ -534,6 +534,8 @@ class Design(Result):
             warnings.append(missed)
         if self.dots.warning:
             warnings.append(self.dots.warning)
+        if self.labels and not self.labels.is_decided and not self.marker.tag:
+            warnings.append(f"{self.labels.sentence}; use --tag, fewer dots, more room, or a better camera")
         warnings += [*self._beaten(), *self._weak_criteria(), *self._idle_keep_outs(), *near_holes(self.marker)]
         return (
             *warnings,

@@ -507,7 +507,7 @@ def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSa
         return f"nothing tells {first} from {second}: their layouts are the same", least
     likely = f"with noise of {NOISE_PX:g} px {first} is {odds(least.margin)} times as likely as {second}"
     if least.undecided > RARELY:
-        share = f"{100 * least.undecided:.2g} % of such views"
+        share = f"{two_digits(100 * least.undecided)} % of such views"
         return f"layouts may not tell the plates apart: {likely}; {share} do not reach e^{DECIDED:g}", least
     return (
         f"the plates are told apart by their layouts: {likely}, and e^{DECIDED:g} decides; "

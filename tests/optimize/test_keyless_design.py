@@ -1,12 +1,16 @@
 """Markers whose layout tells the labels: no key ring, and nothing that claims one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from markergen.bounds.confusion.perspective import label_safety
 from markergen.errors import InputError
 from markergen.model.body_json import from_json, to_json
+from markergen.model.boundary import Circle
 from markergen.model.spec import Spec
+from markergen.model.tag import Tag
 from markergen.optimize import keyless
 from markergen.optimize.design import design, upright
 
@@ -34,6 +38,16 @@ def test_the_layout_tells_the_labels():
     stages = [step.stage for step in found.trace]
     assert "asymmetric" in stages
     assert found.trace[-1].objective == pytest.approx(found.criteria["design"]["pose_m"])
+
+
+def test_undecided_labels_are_warned_about_but_where_a_tag_has_them():
+    tiny = Spec(n=5, dot=0.002, boundary=Circle(0.006), restarts=1, poses="cone:distance=1..2,tilt=50..70,count=9")
+    found = design(tiny)
+    assert not found.labels.is_decided
+    assert any(warning.startswith(found.labels.sentence) for warning in found.warnings)
+    tagged = replace(found, body=replace(found.marker, tag=Tag("aruco:DICT_4X4_50", 0, 0.001)))
+    assert not any(found.labels.sentence in warning for warning in tagged.warnings)
+    assert not any("labels" in warning for warning in design(SPEC).warnings)
 
 
 def test_the_key_ring_is_named_where_there_is_one():

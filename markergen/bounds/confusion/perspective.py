@@ -126,8 +126,8 @@ class LabelSafety:
         likely = f"{odds(self.margin[self.worst])} times as likely as with {rival} ({seen})"
         noise = f"with noise of {self.noise_px:g} px they are {likely}"
         if not self.is_decided:
-            share = 100 * self.undecided.max()
-            return f"labels may be undecided: {noise}; {share:.2g} % of such views do not reach e^{DECIDED:g}"
+            share = two_digits(100 * self.undecided.max())
+            return f"labels may be undecided: {noise}; {share} % of such views do not reach e^{DECIDED:g}"
         return (
             f"labels are safe: {noise}, and e^{DECIDED:g} decides; "
             f"they fit best while dots move by less than {two_digits(self.least)} px RMS"
