@@ -46,7 +46,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
     },
     "docs/rigs.md": {
         DEFAULT: [
-            "views with noise of # px",
+            "views with errors of # px",
             "tilted by less than # deg",
             "(from # deg on, with a short axis of # px)",
         ],
@@ -97,7 +97,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
             "a print good to # mm unless",
             "In # % of the poses the images of its dots are at least # px",
             "and # px or more apart",
-            "undecided, with noise of # px",
+            "undecided, with errors of # px",
             "is more than # times as far",
             "Dots are # times as large",
             "sees whole, # px or more inside",

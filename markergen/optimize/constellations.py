@@ -23,7 +23,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.bounds.confusion.affine import likeness
-from markergen.bounds.confusion.perspective import layout_safety
+from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
 from markergen.bounds.dot_covariances import dot_information
 from markergen.errors import InputError
 from markergen.maths.information import covariance, moved_information, rotation_bound, translation_bound
@@ -477,12 +477,16 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)
     marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {noise_text}", {"design": row}))
     goal = f"{spec.objective} {problem.spec.aggregate} of {_in_unit(value, spec)} for {noise_text}"
+    labels = [layout_safety(scale.points, scale.setting, True) for scale in scales]
     account = Account(
         f"{len(marker)} control points of {len(scales)} sizes in a {marker.boundary}, "
         f"seen from {len(served)} poses ({poses_in_words(poses.name)})\n"
-        f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales)),
+        f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales, labels)),
         _coverage_table(covered, pose),
-        tuple(f"no four dots serve some poses: {gap}" for gap in covered.gaps),
+        (
+            *(f"no four dots serve some poses: {gap}" for gap in covered.gaps),
+            *(safety.sentence for safety in labels if not safety.is_decided),
+        ),
         partial(problem.certify, scales, covered),
     )
     return Design(
@@ -504,15 +508,15 @@ def _in_unit(value: float, spec: Spec) -> str:
     return format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"
 
 
-def _sentences(scales: Sequence[Block]) -> Iterator[str]:
+def _sentences(scales: Sequence[Block], labels: Sequence[LabelSafety]) -> Iterator[str]:
     """Size, room and range of each scale, and its label safety, seen alone from the poses that it serves."""
     first = 0
-    for scale in scales:
+    for scale, safety in zip(scales, labels, strict=True):
         distance, count = scale.poses.distance, len(scale.points)
-        labels = replace(layout_safety(scale.points, scale.setting, True), ids=tuple(range(first, first + count)))
+        safety = replace(safety, ids=tuple(range(first, first + count)))
         yield (
             f"{count} dots of {format_length(scale.diameter)} in a {scale.spec.boundary}, the whole in view from "
-            f"{distance.min():.3g} to {distance.max():.3g} m; dot {first} is their key ring; {labels.sentence}"
+            f"{distance.min():.3g} to {distance.max():.3g} m; dot {first} is their key ring; {safety.sentence}"
         )
         first += count
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.bounds.confusion.evidence import RARELY, undecided
+from markergen.bounds.confusion.evidence import RARELY
 from markergen.bounds.confusion.perspective import MANY, layout_safety
 from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.bounds.crowding import separating_gap
@@ -168,7 +168,7 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
     """Settle the number of dots, and unless the spec has one their diameter.
 
     The fewest dots are chosen whose forecast is within `NEAR_BEST` of the least of up to 200 dots. All are at least
-    `RELIABLE_PIXELS` large in `SHARE` of the poses, and the detector decides their labels.
+    `RELIABLE_PIXELS` large in `SHARE` of the poses, and labels of all but the most dots tried are safe.
 
     Raises
     ------
@@ -268,8 +268,9 @@ def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
     nearest = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
     seen = spec.camera.project(forecast.points, poses.rotation, poses.translation)
     gaps = np.linalg.norm(seen[:, first[0][nearest]] - seen[:, first[1][nearest]], axis=-1).min(axis=-1)
-    extent = seen_layout(forecast.points, np.zeros(forecast.n, dtype=np.intp), spec.camera, poses).extent
-    return bool(undecided(np.sqrt(2) * gaps, forecast.n, extent, NOISE_PX).max() <= RARELY)
+    scene = seen_layout(forecast.points, np.zeros(forecast.n, dtype=np.intp), spec.camera, poses)
+    shares = scene.judged(np.sqrt(2) * gaps, np.arange(len(poses)), NOISE_PX)[1]
+    return bool(shares.max() <= RARELY)
 
 
 class Forecaster:

@@ -18,7 +18,7 @@ import numpy as np
 from markergen import __version__
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.affine import ForeignSafety, foreign_safety
-from markergen.bounds.confusion.evidence import DECIDED, RARELY, odds, two_digits
+from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds, two_digits
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.bounds.dot_covariances import body_bounds
 from markergen.defaults import NOISE_PX
@@ -505,12 +505,12 @@ def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSa
         return "the plates are told apart by their numbers of dots", least
     if least.px < ALIKE_PX:
         return f"nothing tells {first} from {second}: their layouts are the same", least
-    likely = f"with noise of {NOISE_PX:g} px {first} is {odds(least.margin)} times as likely as {second}"
+    likely = f"with errors of {NOISE_PX:g} px {first} is {odds(least.margin)} {second}"
     if least.undecided > RARELY:
-        share = f"{two_digits(100 * least.undecided)} % of such views"
-        return f"layouts may not tell the plates apart: {likely}; {share} do not reach e^{DECIDED:g}", least
+        share = two_digits(100 * least.undecided)
+        return f"layouts may not tell the plates apart, in {share} % of views: {likely}; {ENOUGH}", least
     return (
-        f"the plates are told apart by their layouts: {likely}, and e^{DECIDED:g} decides; "
+        f"the plates are told apart by their layouts: {likely}, and {ENOUGH}; "
         f"{first} fits best while dots move by less than {two_digits(least.px)} px RMS",
         least,
     )

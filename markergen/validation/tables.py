@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from markergen.bounds.confusion.evidence import DECIDED
+from markergen.bounds.confusion.evidence import DECIDED, LARGE
 from markergen.model.sight import distance_table
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
@@ -171,7 +171,7 @@ def labels_table(results: Mapping[str, Any]) -> Table:
         else [
             str(dot["id"]),
             number(dot["px"]),
-            number(dot["margin"]),
+            number(dot["margin"]) if dot["margin"] < LARGE else f"over {LARGE:g}",
             "<1e-6" if dot["undecided"] < 1e-6 else f"{dot['undecided']:.2g}",
             f"{dot['tilt_deg']:.3g}",
             f"{dot['distance_m']:.3g}",
@@ -191,7 +191,7 @@ def labels_table(results: Mapping[str, Any]) -> Table:
     caption = (
         "Safe to: RMS displacement of all dots in the image up to which the true labels fit best, from every pose; "
         f"tilt and distance of the worst one. Margin: expected logarithm of how many times as likely they are, with "
-        f"noise of {labels['noise_px']:g} px in every coordinate; the detector asks for {DECIDED:g}. Undecided: "
+        f"errors of {labels['noise_px']:g} px in every coordinate; the detector asks for {DECIDED:g}. Undecided: "
         "probability that it is less."
     )
     return Table(title, header, rows, caption)

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from markergen.arrays import Array, Indices
-from markergen.bounds.confusion.evidence import margin, undecided
 from markergen.bounds.confusion.perspective import (
     ANGLES_OF_MANY,
     MANY,
@@ -27,6 +26,7 @@ from markergen.bounds.confusion.perspective import (
     REPRESENTATIVE,
     REPRESENTATIVE_OF_MANY,
     find_rivals,
+    followed,
     representative,
 )
 from markergen.bounds.confusion.rival_fits import Rivals, SeenLayout, seen_layout
@@ -39,6 +39,9 @@ dots; and from which on labelings keep the key ring, as there would be too many 
 
 FITTED = 8
 """Number of labelings per pose that are fitted with perspective: those that an affine map fits best."""
+
+FOLLOWED, FOLLOWED_POSES = 4, 60
+"""Numbers of nearest labelings, and of poses to which they are followed from those where they were found."""
 
 AT_ONCE = 4_000_000
 """Numbers in one batch of labelings."""
@@ -220,6 +223,8 @@ def foreign_safety(points: Array, other: Array, setting: Setting) -> ForeignSafe
 def _of_nearest(rivals: Rivals, scene: SeenLayout) -> ForeignSafety:
     if not len(rivals):
         return ForeignSafety()
+    poses = representative(scene.poses, FOLLOWED_POSES)
+    rivals = followed(scene, rivals, rivals.nearest_labelings(FOLLOWED, 0), poses)
     nearest = rivals.take(np.array([rivals.distance.argmin()]))
-    seen = nearest.distance, len(scene.points), scene.extent[nearest.pose], NOISE_PX
-    return ForeignSafety(float(nearest.px[0]), float(margin(*seen)[0]), float(undecided(*seen)[0]))
+    (difference,), (share,) = scene.judged(nearest.distance, nearest.pose, NOISE_PX)
+    return ForeignSafety(float(nearest.px[0]), float(difference), float(share))

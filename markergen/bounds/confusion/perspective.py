@@ -21,7 +21,7 @@ from itertools import chain
 import numpy as np
 
 from markergen.arrays import Array, Indices
-from markergen.bounds.confusion.evidence import DECIDED, RARELY, margin, odds, two_digits, undecided
+from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds, two_digits
 from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
 from markergen.defaults import NOISE_PX
 from markergen.model.marker import Marker
@@ -123,13 +123,12 @@ class LabelSafety:
         seen = f"tilt {self.poses.polar_angle_deg[pose]:.0f} deg, distance {self.poses.distance[pose]:.3g} m"
         if self.least < SAME_PX:
             return f"labels are ambiguous: with {rival} the marker looks the same ({seen})"
-        likely = f"{odds(self.margin[self.worst])} times as likely as with {rival} ({seen})"
-        noise = f"with noise of {self.noise_px:g} px they are {likely}"
+        likely = f"with errors of {self.noise_px:g} px they are {odds(self.margin[self.worst])}"
         if not self.is_decided:
             share = two_digits(100 * self.undecided.max())
-            return f"labels may be undecided: {noise}; {share} % of such views do not reach e^{DECIDED:g}"
+            return f"labels may be undecided, in {share} % of views: {likely} with {rival} ({seen}); {ENOUGH}"
         return (
-            f"labels are safe: {noise}, and e^{DECIDED:g} decides; "
+            f"labels are safe: {likely} with {rival} ({seen}), and {ENOUGH}; "
             f"they fit best while dots move by less than {two_digits(self.least)} px RMS"
         )
 
@@ -246,8 +245,8 @@ def safety_of(
     labels, pose = np.tile(scene.truth, (n, 1)), np.zeros(n, dtype=np.intp)
     row = np.argmax(away[:, has_rival] <= px[has_rival] + SAME_PX, axis=0) if has_rival.any() else []
     labels[has_rival], pose[has_rival] = np.argsort(rivals.labeling[row], axis=-1), rivals.pose[row]
-    seen = 2 * np.sqrt(n) * px, n, scene.extent[pose], noise_px
-    return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)), noise_px, margin(*seen), undecided(*seen))
+    judged = scene.judged(2 * np.sqrt(n) * px, pose, noise_px)
+    return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)), noise_px, *judged)
 
 
 def worst_rivals(scene: SeenLayout) -> Rivals:
@@ -255,13 +254,13 @@ def worst_rivals(scene: SeenLayout) -> Rivals:
     n = len(scene.points)
     at = representative(scene.poses, REPRESENTATIVE_OF_MANY if n > MANY else REPRESENTATIVE)
     rivals = find_rivals(scene, at)
-    rivals = _followed(scene, rivals, rivals.nearest_labelings(BROUGHT, BROUGHT_PER_DOT), at)
+    rivals = followed(scene, rivals, rivals.nearest_labelings(BROUGHT, BROUGHT_PER_DOT), at)
     nearest = rivals.nearest_labelings(FOLLOWED, FOLLOWED_PER_DOT)
     many = max(1, FITS // (n * max(1, len(nearest))))
-    return _followed(scene, rivals, nearest, representative(scene.poses, many))
+    return followed(scene, rivals, nearest, representative(scene.poses, many))
 
 
-def _followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
+def followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
     """Add to the rivals the labelings (K, n) fitted at those of the poses `at` that may be nearest."""
     fitted = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
     px = fitted.px.reshape(len(labeling), len(at))

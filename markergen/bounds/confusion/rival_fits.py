@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
+from markergen.bounds.confusion.evidence import margin, undecided
 from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step, pose_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
@@ -118,13 +119,13 @@ class SeenLayout:
         """Minimum cosine of a rival's tilt."""
         return float(min(EDGE_ON, 0.5 * self.poses.cos_tilt.min()))
 
-    @cached_property
-    def extent(self) -> Array:
-        """Largest distance (P,) of a dot from their middle, in px at the distance of that."""
+    def judged(self, distance: Array, pose: Indices, noise_px: float) -> tuple[Array, Array]:
+        """`margin` and `undecided` (K,) of rivals at a distance (K,) in px at poses (K,), see `evidence`."""
         middle = self.points.mean(axis=0)
-        size = np.linalg.norm(self.points - middle, axis=-1).max()
-        depth = to_camera(middle[None], self.poses.rotation, self.poses.translation)[:, 0, 2]
-        return np.asarray(self.camera.fx * size / depth)
+        size = float(np.linalg.norm(self.points - middle, axis=-1).max())
+        depth = to_camera(middle[None], self.poses.rotation[pose], self.poses.translation[pose])[:, 0, 2]
+        seen = distance, len(self.points), self.camera.fx / depth, size, noise_px
+        return margin(*seen), undecided(*seen)
 
     @property
     def truth(self) -> Indices:
