@@ -508,7 +508,10 @@ def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSa
     likely = f"with errors of {NOISE_PX:g} px {first} is {odds(least.margin)} {second}"
     if least.undecided > RARELY:
         share = two_digits(100 * least.undecided)
-        return f"layouts may not tell the plates apart, in {share} % of views: {likely}; {ENOUGH}", least
+        return (
+            f"layouts may not tell the plates apart, in {share} % of views from the worst pose: {likely}; {ENOUGH}",
+            least,
+        )
     return (
         f"the plates are told apart by their layouts: {likely}, and {ENOUGH}; "
         f"{first} fits best while dots move by less than {two_digits(least.px)} px RMS",

@@ -125,8 +125,8 @@ class LabelSafety:
             return f"labels are ambiguous: with {rival} the marker looks the same ({seen})"
         likely = f"with errors of {self.noise_px:g} px they are {odds(self.margin[self.worst])}"
         if not self.is_decided:
-            share = two_digits(100 * self.undecided.max())
-            return f"labels may be undecided, in {share} % of views: {likely} with {rival} ({seen}); {ENOUGH}"
+            share = f"{two_digits(100 * self.undecided.max())} % of views from the worst pose"
+            return f"labels may be undecided, in {share}: {likely} with {rival} ({seen}); {ENOUGH}"
         return (
             f"labels are safe: {likely} with {rival} ({seen}), and {ENOUGH}; "
             f"they fit best while dots move by less than {two_digits(self.least)} px RMS"
