@@ -3,10 +3,10 @@
 A labeling whose places miss the images by a sum of squares R, px^2, has the log likelihood, up to what labelings of the
 same images share,
 
-    L(R) = log sum over b of w_b s_b^(-2 (n - 3)) exp(-R/(2 s_b^2)),    s_b^2 = own^2 + print^2 + beyond_b^2,
+    L(R) = log sum over b of w_b s_b^(-2 (n - 3)) exp(-R/(2 s_b^2)),    s_b^2 = center^2 + print^2 + beyond_b^2,
 
 the likelihood of 2n coordinates, integrated over the six of the pose, and averaged over the error that lens, print and
-refraction may add (docs/detect.md); own is what a dot's grey levels tell of its error, print that of a print. Errors of
+refraction may add (docs/detect.md); center is the error of a dot by its grey levels, print that of a print. Errors of
 sigma px in every coordinate leave R = (2n - 6) sigma^2 of the true labeling on average, a chi-square, and D^2 more of a
 rival at distance D (see `rival_fits`), with a standard deviation of 2 D sigma. The detector decides where the
 difference of L is `DECIDED` or more. Outlines, which it also compares, and kinds are ignored.
@@ -23,8 +23,8 @@ DECIDED = 8.0
 """Difference of evidence, in nats, from which on the detector decides."""
 
 BEYOND, SHARES, OF_EXTENT = (0.04, 0.13, 0.4, 0.3), (0.4, 0.3, 0.2, 0.1), 0.005
-"""Errors in px that may be added to all places, and how likely each is; the last also grows by a share of the layout's
-extent in the image."""
+"""Errors in px that may be added to all places, and their probabilities; the last also grows by a share of the layout's
+extent in the image. All as in detector/src/label.c, and `DECIDED` as in detect.c."""
 
 LEAST_DOTS = 4
 """Number of dots below which any labels fit."""
@@ -38,7 +38,7 @@ ENOUGH = "3000 times is enough"
 RARELY = 1e-3
 """Share of views that may be undecided where labels count as safe."""
 
-OWN_PX = 0.02
+CENTER_PX = 0.02
 """Standard deviation in px of a coordinate by its dot's grey levels: 0.004 to 0.05 in usual images."""
 
 NODES, TAIL = 256, 1e-7
@@ -55,8 +55,8 @@ HALVINGS = 40
 def margin(distance: Array, n: int, scale: Array, size: float, sigma: float) -> Array:
     """Difference (K,) in nats of the evidence for n dots' true labels and for rivals at a distance (K,) in px.
 
-    That of the expected misfits, up to a fifth below the expected difference of 12 dots.
-    inf at an infinite distance; 0 for fewer than four dots, which fit with any labels.
+    That of the expected misfits, up to a fifth below the expected difference of 12 dots. inf at an infinite distance; 0
+    for fewer than four dots, which fit with any labels.
 
     Parameters
     ----------
@@ -124,9 +124,9 @@ def two_digits(value: float) -> str:
 
 def _variances(scale: Array, size: float) -> list[Array]:
     """Variances s_b^2 (K,) in px^2, from the least to the largest."""
-    own = OWN_PX**2 + np.square(PRINT_SIGMA * scale)
+    allowed = CENTER_PX**2 + np.square(PRINT_SIGMA * scale)
     largest = np.maximum(BEYOND[-1] + OF_EXTENT * scale * size, BEYOND[-2])
-    return [own + np.square(beyond) for beyond in (*BEYOND[:-1], largest)]
+    return [allowed + np.square(beyond) for beyond in (*BEYOND[:-1], largest)]
 
 
 def _log_likelihood(squares: Array, n: int, variances: list[Array]) -> Array:

@@ -86,7 +86,7 @@ def test_noise_leaves_labels_undecided_as_often_as_stated(make_marker, n, jitter
 @pytest.mark.parametrize("print_sigma", [0.0, 1e-4])
 def test_the_detector_has_that_evidence(make_marker, monkeypatch, print_sigma):
     """The dots' places have errors of 0.004 px here, and the detector knows."""
-    monkeypatch.setattr(evidence, "OWN_PX", 0.004)
+    monkeypatch.setattr(evidence, "CENTER_PX", 0.004)
     monkeypatch.setattr(evidence, "PRINT_SIGMA", print_sigma)
     rng, rows = np.random.default_rng(0), []
     for n, jitter in ((5, 0.0002), (5, 0.0004), (5, 0.002), (8, 0.002)):
