@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.bounds.confusion.evidence import RARELY
 from markergen.bounds.confusion.perspective import MANY, layout_safety
-from markergen.bounds.confusion.rival_fits import seen_layout
 from markergen.bounds.crowding import separating_gap
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
-from markergen.defaults import MEASURED_SIGMA, NOISE_PX, PRINT_SIGMA
+from markergen.defaults import MEASURED_SIGMA, PRINT_SIGMA
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance
@@ -78,9 +76,6 @@ GAP_PIXELS = 2.0
 
 RIM = 64
 """Number of places on the outline at which sizes of images are measured."""
-
-NEIGHBORS = 4
-"""Number of nearest pairs per dot that may be exchanged."""
 
 FINE = 8
 """Positions per spacing along a row at which a dot is tried."""
@@ -258,19 +253,9 @@ def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "
 def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
     """Whether the detector decides the labels from every pose.
 
-    The nearest rival labelings of many dots exchange two neighbors, at a distance sqrt(2) times that of their images.
+    The nearest rival labelings of many dots exchange two neighbors: images that do not run together decide these.
     """
-    if forecast.n <= MANY:
-        return layout_safety(forecast.points, setting, not spec.asymmetric).is_decided
-    from scipy.spatial.distance import pdist
-
-    poses, first = setting.poses, np.triu_indices(forecast.n, 1)
-    nearest = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
-    seen = spec.camera.project(forecast.points, poses.rotation, poses.translation)
-    gaps = np.linalg.norm(seen[:, first[0][nearest]] - seen[:, first[1][nearest]], axis=-1).min(axis=-1)
-    scene = seen_layout(forecast.points, np.zeros(forecast.n, dtype=np.intp), spec.camera, poses)
-    shares = scene.judged(np.sqrt(2) * gaps, np.arange(len(poses)), NOISE_PX)[1]
-    return bool(shares.max() <= RARELY)
+    return forecast.n > MANY or layout_safety(forecast.points, setting, not spec.asymmetric).is_decided
 
 
 class Forecaster:

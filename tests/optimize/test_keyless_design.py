@@ -42,11 +42,11 @@ def test_the_layout_tells_the_labels():
 
 def test_undecided_labels_are_warned_about_but_where_a_tag_has_them():
     tiny = Spec(n=5, dot=0.002, boundary=Circle(0.006), restarts=1, poses="cone:distance=1..2,tilt=50..70,count=9")
-    found = design(tiny)
-    assert not found.labels.is_decided
-    assert any(warning.startswith(found.labels.sentence) for warning in found.warnings)
-    tagged = replace(found, body=replace(found.marker, tag=Tag("aruco:DICT_4X4_50", 0, 0.001)))
-    assert not any(found.labels.sentence in warning for warning in tagged.warnings)
+    result = design(tiny)
+    assert not result.labels.is_decided
+    assert any(warning.startswith(result.labels.sentence) for warning in result.warnings)
+    tagged = replace(result, body=replace(result.marker, tag=Tag("aruco:DICT_4X4_50", 0, 0.001)))
+    assert not any(result.labels.sentence in warning for warning in tagged.warnings)
     assert not any("labels" in warning for warning in design(SPEC).warnings)
 
 

@@ -143,6 +143,7 @@ def test_the_faces_of_a_cube_are_not_confused():
     from markergen.render import Optics, render_view
 
     found = mg.rig("cube", edge="80mm", n=6)
+    assert not found.warnings
     assert found.safety > 0.3
     markers = [each.marker for each in found.rig.markers]
     detector, rng = mg.Detector(markers, PAPER_CAMERA), np.random.default_rng(3)

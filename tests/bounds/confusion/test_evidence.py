@@ -96,10 +96,10 @@ def test_the_detector_has_that_evidence(make_marker, monkeypatch, print_sigma):
             rotation, translation = POSES.rotation[pose], POSES.translation[pose]
             scene, rival = nearest(marker, pose)
             image = render_view(marker, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, rng)
-            (found,) = Detector(marker, PAPER_CAMERA, print_sigma=print_sigma)(image)
+            (result,) = Detector(marker, PAPER_CAMERA, print_sigma=print_sigma)(image)
             expected = scene.judged(rival.distance, rival.pose, 0.004)[0][0]
-            rows.append((expected, found.finding.margin))
-            assert found.ok == (found.finding.margin >= evidence.DECIDED)
+            rows.append((expected, result.finding.margin))
+            assert result.ok == (result.finding.margin >= evidence.DECIDED)
     expected, measured = np.array(rows).T
     assert measured[:4].min() < evidence.DECIDED < measured[4:8].max()
     # The more another labeling changes the pose, the more outlines tell, too: at most a quarter here.

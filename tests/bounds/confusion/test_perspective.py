@@ -80,10 +80,12 @@ def test_two_close_dots_are_the_least_safe_and_named_by_their_ids(make_marker):
     assert report.cycles(3) == ((13, 14),)
     assert report.in_words(3) == "13 and 14 exchanged"
     assert "13 and 14 exchanged" in report.sentence
-    told = {dot["id"]: dot for dot in label_safety(replace(marker, control_points=renamed), FEW, 1.0).as_dict()["dots"]}
-    assert told[13]["rival"] == {"13": 14, "14": 13}
-    assert told[13]["undecided"] == max(dot["undecided"] for dot in told.values())
-    assert told[13]["margin"] == min(dot["margin"] for dot in told.values())
+    by_id = {
+        dot["id"]: dot for dot in label_safety(replace(marker, control_points=renamed), FEW, 1.0).as_dict()["dots"]
+    }
+    assert by_id[13]["rival"] == {"13": 14, "14": 13}
+    assert by_id[13]["undecided"] == max(dot["undecided"] for dot in by_id.values())
+    assert by_id[13]["margin"] == min(dot["margin"] for dot in by_id.values())
     # An exchange moves two of six images by the distance between them: at most sqrt(2/6)/2 of it, less by the fit.
     seen = PAPER_CAMERA.project(points[3:5], FEW.poses.rotation, FEW.poses.translation)
     least = np.linalg.norm(seen[:, 0] - seen[:, 1], axis=-1).min()
