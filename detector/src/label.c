@@ -1343,16 +1343,14 @@ static int may_label(const Scene *scene, const Layout *layout, const Pose *pose,
     while (common_divisor(stride, layout->count) > 1)
         stride++;
     const double share = (double)least / (double)layout->count, left = (double)(layout->count - probes) / (double)layout->count;
-    const double enough = (double)probes * share - 3 * sqrt(left * (double)probes * share * (1 - share));
-    int64_t hits = 0;
-    for (int64_t k = 0, i = 0; k < probes; k++, i = (i + stride) % layout->count) {
+    double spare = (double)probes * (1 - share) + 3 * sqrt(left * (double)probes * share * (1 - share)) + 1;
+    for (int64_t k = 0, i = 0; k < probes && spare >= 0; k++, i = (i + stride) % layout->count) {
         Outline drawn;
         double nearest;
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, &drawn);
-        if (drawn.seen)
-            hits += nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &nearest) >= 0;
+        spare -= !drawn.seen || nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &nearest) < 0;
     }
-    return (double)hits >= enough - 1;
+    return spare >= 0;
 }
 
 /* Other labelings of a labeling's dots: the plate is moved onto itself so that any pair of dots comes to where a pair of
