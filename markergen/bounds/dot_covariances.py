@@ -155,7 +155,7 @@ def _ellipse_covariances(
     edge_px: float,
     contrast_to_noise: Callable[[Array], Array],
 ) -> Array:
-    _, semi, angle = dot_ellipses(marker, camera.ideal, poses.rotation, poses.translation, 2 * marker.radii)
+    _, semi, angle = dot_ellipses(marker.xyz, camera.ideal, poses.rotation, poses.translation, 2 * marker.radii)
     # Plates that turn their back have places that are none.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
@@ -166,9 +166,9 @@ def _ellipse_covariances(
 
 
 def dot_ellipses(
-    marker: Marker, camera: Camera, rotation: Array, translation: Array, diameters: Array
+    points: Array, camera: Camera, rotation: Array, translation: Array, diameters: Array
 ) -> tuple[Array, Array, Array]:
-    """Undistorted image ellipses of circles about the control points, each in the plane of its own height.
+    """Undistorted image ellipses of circles about points (n, 3) in m, each in the plane of its own height.
 
     Parameters
     ----------
@@ -180,16 +180,16 @@ def dot_ellipses(
     center (..., n, 2), semi (..., n, 2), angle (..., n)
         See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not entirely in front of the camera.
     """
-    xyz, normal = marker.xyz, rotation[..., None, :, 2]
-    centers = xyz @ rotation.swapaxes(-1, -2) + translation[..., None, :]
+    normal = rotation[..., None, :, 2]
+    centers = points @ rotation.swapaxes(-1, -2) + translation[..., None, :]
     leaning = np.hypot(rotation[..., 2, 0], rotation[..., 2, 1])[..., None]
     seen = (diameters > 0) & (centers[..., 2] > diameters / 2 * leaning) & (np.sum(centers * normal, axis=-1) < 0)
     center, semi, angle = (np.full((*seen.shape, *of), np.nan) for of in ((2,), (2,), ()))
     if seen.any():
         planes = np.broadcast_to(rotation[..., None, :, :], (*seen.shape, 3, 3))[seen]
-        places, dots = (translation[..., None, :] + xyz[:, 2:] * normal)[seen], np.nonzero(seen)[-1]
+        places, dots = (translation[..., None, :] + points[:, 2:] * normal)[seen], np.nonzero(seen)[-1]
         homography = plane_homography(planes, places, camera.matrix)
-        center[seen], semi[seen], angle[seen] = circle_image(xyz[dots, :2], diameters[dots] / 2, homography)
+        center[seen], semi[seen], angle[seen] = circle_image(points[dots, :2], diameters[dots] / 2, homography)
     return center, semi, angle
 
 

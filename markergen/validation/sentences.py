@@ -164,14 +164,14 @@ def _lost(views: Mapping[str, Any]) -> str:
 def trial_sentences(results: Mapping[str, Any]) -> list[str]:
     """Comment on skipped estimators, label margins, and the calibration of the covariance."""
     sentences = []
-    if "condition" not in (results.get("criteria") or {"condition": None}) and "coverage" not in results:
-        measured = (results.get("budget") or {}).get("print_measured")
+    if "condition" not in results["criteria"] and "coverage" not in results:
+        measured = results["budget"]["print_measured"]
         why = "the heights of the dots were measured" if measured else "the dots are not in one"
         sentences.append(f"DLT and IPPE assume a plane and step aside, for {why}; LM begins from SQPnP.")
-    sentences += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
+    sentences += label_sentences(results["labels"]) if results["labels"] else []
     tilted = {
         angle: row
-        for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
+        for angle, row in (results["nees"] or {"by_polar_angle": {}})["by_polar_angle"].items()
         if row["mean"] is not None and float(angle.split("..")[0]) >= 17.5
     }
     if tilted:
@@ -183,6 +183,11 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
             f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
         )
     return sentences
+
+
+def label_sentences(labels: Mapping[str, Any]) -> list[str]:
+    """Say which dots could be taken for others."""
+    return [f"{line[0].upper()}{line[1:]}." for line in labels["sentences"]]
 
 
 def view_sentences(results: Mapping[str, Any]) -> list[str]:
@@ -341,10 +346,6 @@ def _cost(results: Mapping[str, Any]) -> str:
 def _listed(names: list[str]) -> str:
     sources = [NAMES[name] for name in names]
     return " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
-
-
-def _sentence(line: str) -> str:
-    return f"{line[0].upper()}{line[1:]}."
 
 
 def _with_unit(key: str, value: Any) -> str:

@@ -60,7 +60,7 @@ def trial_tables(results: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a marker's trials."""
     tables = [rotation_table(results), translation_table(results)]
     tables += [polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
-    return [*tables, homography_table(results)] if results.get("homography") else tables
+    return [*tables, homography_table(results)] if results["homography"] else tables
 
 
 def view_tables(views: Mapping[str, Any]) -> list[Table]:
@@ -129,7 +129,7 @@ def homography_table(results: Mapping[str, Any]) -> Table:
         for name, row in results["homography"].items()
     ]
     caption = "HE is over a grid half as wide again as the marker; its root in px beside it."
-    if results.get("relative_error"):
+    if results["relative_error"]:
         caption += f" {relative_error_sentence(results['relative_error'])}"
     return Table("Homography error HE, px^2, and its root, px", header, rows, caption)
 
@@ -153,13 +153,12 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
             ]
         )
     title = "Beside other layouts of the same room: deg and %, rms"
-    caption = "--trials-for-all measures them all." if results.get("runs") else ""
+    caption = "--trials-for-all measures them all." if results["runs"] else ""
     return Table(title, header, rows, caption)
 
 
-def labels_table(results: Mapping[str, Any]) -> Table:
+def labels_table(labels: Mapping[str, Any]) -> Table:
     """Label safety of each dot, or of the least safe: its worst pose, and the dots that it is confused with."""
-    labels = results["labels"]
     dots = labels["dots"]
     title = "How safely each dot is told apart"
     if len(dots) > MOST_DOTS:

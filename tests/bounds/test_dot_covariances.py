@@ -22,12 +22,13 @@ FACING = np.diag([1.0, -1.0, -1.0])
 def test_dot_ellipses_leave_out_what_is_not_seen():
     marker = Marker((ControlPoint(0, 0.05, 0.02, 0.0, Feature(0.036)),), Circle(0.15), 0.0036)
     diameters = np.array([0.036])
-    center, semi, _ = dot_ellipses(marker, PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), diameters)
+    center, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), diameters)
     # 50 mm and 20 mm at f = 800 px and 0.6 m; a frontal circle stays one.
     np.testing.assert_allclose(center, [[320 + 200 / 3, 240 - 80 / 3]], rtol=1e-9)
     np.testing.assert_allclose(semi, [[24, 24]], rtol=1e-9)
     for rotation, distance in ((np.eye(3), 0.6), (FACING, -0.6)):
-        assert np.isnan(dot_ellipses(marker, PAPER_CAMERA, rotation, np.array([0, 0, distance]), diameters)[1]).all()
+        _, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, rotation, np.array([0, 0, distance]), diameters)
+        assert np.isnan(semi).all()
 
 
 def test_information_of_dots_of_several_sizes_is_the_sum_of_theirs():

@@ -46,7 +46,7 @@ def test_size_is_that_of_the_image_ellipse():
     poses = named_poses("cone:distance=1..3m,tilt=0..60,count=20")
     marker = build_marker(np.array([[0.05, 0.02], [-0.1, 0], [0, 0.1], [0, -0.1]]), Circle(0.2), 0.03, 0.003)
     for rotation, translation in zip(poses.rotation, poses.translation, strict=True):
-        _, semi, _ = dot_ellipses(marker, PAPER_CAMERA, rotation, translation, np.full(4, 0.03))
+        _, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, rotation, translation, np.full(4, 0.03))
         one = PoseDistribution("one", rotation[None], translation[None])
         mean = 2 * np.sqrt(semi.prod(axis=-1))
         for near, seen in ((0.99, True), (1.01, False)):
@@ -68,7 +68,7 @@ def test_a_steep_dot_counts_if_its_short_axis_is_long_enough(tilt, distance):
     poses = named_poses(f"cone:distance={distance},tilt={tilt},count=5")
     seen = disks_in_view(marker.xyz, np.full(4, 0.03), PAPER_CAMERA, poses, 2.5)
     for pose, row in zip(zip(poses.rotation, poses.translation, strict=True), seen, strict=True):
-        _, semi, _ = dot_ellipses(marker, PAPER_CAMERA, *pose, np.full(4, 0.03))
+        _, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, *pose, np.full(4, 0.03))
         facing = marker.facing(*pose)
         large = (2 * np.sqrt(semi.prod(axis=-1)) >= 2.5) & ((facing >= TRIED_FACING) | (2 * semi[:, 1] >= NARROWEST_PX))
         assert row.tolist() == (large & (facing > LEAST_FACING)).tolist()

@@ -51,7 +51,7 @@ def test_tables_show_the_numbers_of_the_results(results):
         tables.polar_angle_table(results, "translation_pct"),
         tables.homography_table(results),
         tables.comparison_table(results),
-        tables.labels_table(results),
+        tables.labels_table(results["labels"]),
         tables.budget_table(results),
         tables.group_table(results["views"]),
         tables.estimator_table(results["views"]),
@@ -136,11 +136,11 @@ def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
     assert labels["undecided"] < 1e-6
     assert labels["margin"] == min(dot["margin"] for dot in labels["dots"][1:])
     assert sentences.trial_sentences(results)[0].startswith("Labels are safe")
-    rows = tables.labels_table(results)[2]
+    rows = tables.labels_table(labels)[2]
     assert rows[0][-1] == sentence("never alike")
     assert float(rows[1][1]) == pytest.approx(labels["dots"][1]["px"], rel=5e-3)
     many = {**labels, "dots": [{**labels["dots"][1], "id": i, "px": float(i % 50)} for i in range(60)]}
-    title, _, rows, _ = tables.labels_table({"labels": many})
+    title, _, rows, _ = tables.labels_table(many)
     assert "40 least safe of 60" in title
     assert max(float(row[1]) for row in rows) < 35
 

@@ -38,50 +38,44 @@ from markergen.validation.report.subject import (
     advise,
     labeled,
     noise_px,
+    pose_bins,
     value_text,
 )
 from markergen.validation.sentences import (
     advice_sentences,
+    label_sentences,
     limit_sentences,
     marker_plan,
     plan_sentences,
     shares,
-    trial_sentences,
 )
 from markergen.validation.views import Picture, SyntheticViews
 
 
 def html_report(
-    results: dict[str, Any],
-    marker: Marker,
-    setting: Setting,
-    pictures: Sequence[Picture] = (),
-    budget: PoseBudget | None = None,
+    results: Results, marker: Marker, setting: Setting, pictures: Sequence[Picture], budget: PoseBudget
 ) -> bytes:
     """Make a self-contained HTML page from the results of a validation.
 
     Parameters
     ----------
-    results : dict
-        In the form described in docs/validate.md. A missing or null part omits its section, with a sentence on how to
-        obtain it.
+    results : mapping
+        In the form described in docs/validate.md. A part that is null or empty omits its section, with a sentence on
+        how to obtain it.
     marker : Marker
     setting : Setting
         Camera and poses of the results; their order defines the ``pose`` indices of the samples.
     pictures : sequence of Picture
         Sample views, worst cases, failures; shown in this order.
-    budget : PoseBudget or None
-        Covariances (P, 6, 6) of the setting's poses by source. With it the report predicts errors for the whole budget,
-        without it for image noise alone.
+    budget : PoseBudget
+        Covariances (P, 6, 6) of the setting's poses by source.
 
     Returns
     -------
     bytes
         UTF-8 without dates or external resources; its only script is the dome of poses. Text from files is escaped.
     """
-    # Null parts count as missing.
-    present = {key: part for key, part in results.items() if part is not None}
-    subject = Subject(present, marker, setting, budget)
+    subject = Subject(results, marker, setting, budget)
     poses = setting.poses
     left_out = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
     errors = Section(
@@ -123,9 +117,9 @@ def html_report(
 
 def rig_report(
     series: SyntheticViews[Rig],
-    results: Mapping[str, Any],
+    results: Results,
     errors: Callable[..., Any],
-    pictures: Sequence[Picture] = (),
+    pictures: Sequence[Picture],
 ) -> bytes:
     """Make a self-contained HTML page from the results of a rig's validation.
 
@@ -225,9 +219,10 @@ def answer(subject: Subject) -> Section:
     """Expected errors in words, at each pose, and by tilt and distance, the hardest in bold."""
     from markupsafe import Markup
 
-    distances = sorted({pose_bin.distance for pose_bin in subject.bins}, key=middle)
-    tilts = sorted({pose_bin.tilt for pose_bin in subject.bins}, key=middle)
-    hardest = [max(getattr(pose_bin, key) for pose_bin in subject.bins) for key in ("rotation_deg", "translation_mm")]
+    bins = pose_bins(subject.expected)
+    distances = sorted({pose_bin.distance for pose_bin in bins}, key=middle)
+    tilts = sorted({pose_bin.tilt for pose_bin in bins}, key=middle)
+    hardest = [max(getattr(pose_bin, key) for pose_bin in bins) for key in ("rotation_deg", "translation_mm")]
     bold = Markup("<strong>{}</strong>")
     by_place = {
         (pose_bin.distance, pose_bin.tilt): Markup(", ").join(
@@ -237,7 +232,7 @@ def answer(subject: Subject) -> Section:
                 (pose_bin.translation_mm, hardest[1], f"{value_text(pose_bin.translation_mm, 2)} mm"),
             )
         )
-        for pose_bin in subject.bins
+        for pose_bin in bins
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
     table = Table(
@@ -246,9 +241,8 @@ def answer(subject: Subject) -> Section:
         rows,
         "The hardest cases are in bold.",
     )
-    section = Section(
-        marker_plan(subject.headline), tables=[table], book=("what to plan with", "validate.md#what-to-plan-with")
-    )
+    book = ("what to plan with", "validate.md#what-to-plan-with")
+    section = Section(marker_plan(subject.results["headline"]), tables=[table], book=book)
     expected = subject.expected
     errors = {"rotation": expected.rotation_deg, "translation": expected.translation_mm}
     section.plots += dome_plots(subject.marker.plates, subject.setting.poses, errors, expected.source)
@@ -268,43 +262,36 @@ def answer(subject: Subject) -> Section:
 
 def limits(subject: Subject) -> Section:
     """Sources of the error, and what to improve first."""
-    budget = subject.results.get("budget")
-    if not budget:
-        return Section(
-            missing="How much of it the print and the calibration make is not in these results; markergen validate "
-            "tells it with --print-sigma and --camera-covariance."
-        )
+    budget = subject.results["budget"]
     share_texts = {name: in_words(shares(budget, key)) for key, name, _ in ERRORS}
-    section = Section(
+    return Section(
         limit_sentences(subject.results),
-        tables=[tables.budget_table(subject.results)],
+        [
+            plot(
+                partial(variance_shares, budget),
+                "shares",
+                "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in share_texts.items()) + ".",
+                "What the variance of the error is made of, over all poses. Variances add up, errors do not: halving a "
+                "source that makes 10 % of the variance gains 4 % of the error.",
+                _LOW,
+            ),
+            *(
+                plot(
+                    labeled(
+                        partial(budget_over_tilt, subject.budget, subject.setting.poses, key),
+                        "tilt, deg",
+                        f"{name} error, {unit}",
+                    ),
+                    f"budget-{name}",
+                    f"RMS {name} error by source over the tilt.",
+                    f"Sources of the {name} error over the tilt, RMS.",
+                )
+                for key, name, unit in ERRORS
+            ),
+        ],
+        [tables.budget_table(subject.results)],
         book=("the error budget", "validate.md#error-budget"),
     )
-    section.plots.append(
-        plot(
-            partial(variance_shares, budget),
-            "shares",
-            "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in share_texts.items()) + ".",
-            "What the variance of the error is made of, over all poses. Variances add up, errors do not: halving a "
-            "source that makes 10 % of the variance gains 4 % of the error.",
-            _LOW,
-        )
-    )
-    if subject.budget is not None:
-        section.plots += [
-            plot(
-                labeled(
-                    partial(budget_over_tilt, subject.budget, subject.setting.poses, key),
-                    "tilt, deg",
-                    f"{name} error, {unit}",
-                ),
-                f"budget-{name}",
-                f"RMS {name} error by source over the tilt.",
-                f"Sources of the {name} error over the tilt, RMS.",
-            )
-            for key, name, unit in ERRORS
-        ]
-    return section
 
 
 def drawing_of(marker: Marker) -> Plot:
@@ -347,21 +334,17 @@ def the_marker(subject: Subject) -> Section:
 
 def labels(subject: Subject) -> Section:
     """Robustness of the dots' labels."""
-    labeling = subject.results.get("labels")
+    labeling = subject.results["labels"]
     if not labeling:
-        if not subject.marker.dot_diameter:
-            return Section(missing="Bare points cannot be seen, and so not be told apart.")
-        return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
+        return Section(missing="Bare points cannot be seen, and so not be told apart.")
     rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
     if rings:
         looks = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
     else:
         looks = "All dots look the same"
-    sentences = [f"{looks}; dots that look the same are told apart by their places alone."]
-    sentences += trial_sentences({"nees": None, "labels": labeling})
     return Section(
-        sentences,
-        tables=[tables.labels_table({"labels": labeling})],
+        [f"{looks}; dots that look the same are told apart by their places alone.", *label_sentences(labeling)],
+        tables=[tables.labels_table(labeling)],
         book=("labels, and how to make them safe", "design.md#labels"),
     )
 
@@ -410,18 +393,18 @@ def provenance(marker: Marker) -> str:
 def comparison(subject: Subject) -> Section:
     """The marker compared with other layouts."""
     results = subject.results
-    beside = results.get("comparisons") or {}
-    if not beside or not results.get("bound"):
+    if not results["comparisons"]:
         return Section(missing="These results hold no other layouts to compare with; markergen validate adds them.")
-    layouts = {"this marker": results, **{LAYOUTS.get(name, name): row for name, row in beside.items()}}
+    layouts = {"this marker": results, **{LAYOUTS[name]: row for name, row in results["comparisons"].items()}}
     section = Section(
         [
             "The same room, poses, dot size, and noise for each layout: the regular polygon, four dots in a square, "
             "and the median of random layouts."
-        ]
+        ],
+        tables=[tables.comparison_table(results)],
     )
     for key, name, unit in ERRORS:
-        bounds = {layout: row["bound"].get(key) for layout, row in layouts.items() if row.get("bound")}
+        bounds = {layout: row["bound"][key] for layout, row in layouts.items()}
         kept = {layout: float(value) for layout, value in bounds.items() if value is not None}
         measured = {layout: _lm_rms(row, key) for layout, row in layouts.items()}
         section.plots.append(
@@ -435,8 +418,6 @@ def comparison(subject: Subject) -> Section:
                 _LOW,
             )
         )
-    if results.get("criteria") and all(row.get("criteria") for row in beside.values()):
-        section.tables.append(tables.comparison_table({"estimators": {}, **results}))
     return section
 
 
@@ -462,29 +443,27 @@ def size_advice(subject: Subject) -> Section:
 def command(subject: Subject) -> str:
     """Command that reproduces these results, with MARKER.json and, if it is not that of the design, CAMERA.yaml."""
     results, seen = subject.results, subject.views
-    budget = results.get("budget") or {}
+    budget = results["budget"]
     designed = subject.marker.provenance.get("camera") == subject.setting.camera.as_dict()
-    calibrated = bool((budget.get("rotation_deg") or {}).get("camera"))
-    sigma = budget.get("print_sigma_mm")
     options = {
         "--camera": None if designed else "CAMERA.yaml",
         "--poses": subject.setting.poses.name,
-        "--runs": results.get("runs"),
-        "--noise": results.get("noise_px"),
+        "--runs": results["runs"],
+        "--noise": results["noise_px"],
         "--views": seen.get("count", 0),
         "--optics": _optics(seen.get("optics") or {}),
         "--background": seen.get("background", "plain"),
         "--hide": seen.get("hidden", 0),
-        "--print-sigma": None if sigma is None else f"{sigma:g}mm",
-        "--camera-covariance": "COVARIANCE" if designed and calibrated else None,
-        "--seed": results.get("seed"),
+        "--print-sigma": f"{budget['print_sigma_mm']:g}mm",
+        "--camera-covariance": "COVARIANCE" if designed and budget["rotation_deg"]["camera"] else None,
+        "--seed": results["seed"],
     }
     defaults = {"--optics": "", "--background": "plain", "--hide": 0}
     parts = ["markergen", "validate", "MARKER.json"]
     for option, value in options.items():
         if value is not None and value != defaults.get(option):
             parts += [option, f"{value:g}" if isinstance(value, float) else str(value)]
-    if any(row.get("estimators") for row in (results.get("comparisons") or {}).values()):
+    if any(row.get("estimators") for row in results["comparisons"].values()):
         parts.append("--trials-for-all")
     if seen.get("stress"):
         parts.append("--stress")
@@ -506,9 +485,8 @@ def _optics(optics: Results) -> str:
 
 
 def _lm_rms(row: Results, key: str) -> float | None:
-    measured = (row.get("estimators") or {}).get("lm") or {}
-    value = (measured.get(key) or {}).get("rms")
-    return None if value is None else float(value)
+    measured = row.get("estimators", {}).get("lm")
+    return measured and measured[key]["rms"]
 
 
 def _short(value: object) -> str:

@@ -38,6 +38,7 @@ from markergen.validation.report.subject import (
     PoseBin,
     Results,
     Subject,
+    bound,
     labeled,
     noise_px,
     pose_bins,
@@ -54,46 +55,39 @@ MOST_FAILURES = 20
 def trials(subject: Subject) -> Section:
     """Errors of the estimators for noisy image points."""
     results = subject.results
-    estimators = results.get("estimators") or {}
-    if not estimators or not results.get("bound"):
+    estimators = results["estimators"]
+    if not estimators:
         return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
-    bound = subject.bound
+    limit = bound(subject.marker, subject.setting, noise_px(results))
     noise = f"{noise_px(results):g} px"
     section = Section(
         [
-            f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
-            *trial_sentences({"nees": None, **results, "views": None, "labels": None}),
+            f"{results['runs']} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
+            *trial_sentences({**results, "labels": None}),
         ]
     )
     for group, groups, axis in GROUPINGS:
-        by_estimator = {name: row[groups] for name, row in estimators.items() if row.get(groups)}
         for key, name, unit in ERRORS:
             measured = {
-                estimator: {group_name: row[key] for group_name, row in rows.items()}
-                for estimator, rows in by_estimator.items()
+                estimator: {group_name: row[key] for group_name, row in rows[groups].items()}
+                for estimator, rows in estimators.items()
             }
-            only = "" if measured else " These results hold no errors by distance, so it is the bound alone."
             section.plots.append(
                 plot(
                     labeled(
-                        partial(errors_over, measured, _by_group(bound, groups, key)), axis, f"{name} error, {unit}"
+                        partial(errors_over, measured, _by_group(limit, groups, key)), axis, f"{name} error, {unit}"
                     ),
                     f"trials-{group}-{key}",
                     f"RMS {name} error of each estimator over the {group}, with the bound below.",
-                    f"{name.capitalize()} error over the {group}, for noise of {noise}.{only}",
+                    f"{name.capitalize()} error over the {group}, for noise of {noise}.",
                 )
             )
-    drawn = sample_pose_errors(bound.covariance)
+    drawn = sample_pose_errors(limit.covariance)
     for key, name, unit in ERRORS:
-        curves = {
-            estimator: (np.array(row["quantiles"][key], dtype=float), np.array(row["quantiles"]["level"], dtype=float))
-            for estimator, row in estimators.items()
-            if row.get("quantiles")
-        }
-        marks = {} if curves else {estimator: row[key] for estimator, row in estimators.items()}
+        marks = {estimator: row[key] for estimator, row in estimators.items()}
         section.plots.append(
             plot(
-                labeled(partial(distribution, _sizes(drawn, bound, key), curves, marks=marks), f"{name} error, {unit}"),
+                labeled(partial(distribution, _sizes(drawn, limit, key), {}, marks=marks), f"{name} error, {unit}"),
                 f"trials-cdf-{key}",
                 f"Cumulative distribution of the {name} error of each estimator and of the bound.",
                 f"Distribution of the {name} error over all trials and poses. The bound is what errors at the limit "
@@ -107,20 +101,21 @@ def trials(subject: Subject) -> Section:
 def views(subject: Subject) -> Section:
     """Detections in rendered images, and their errors."""
     seen = subject.views
-    if not seen:
+    predicted = subject.predicted
+    if predicted is None:
         return Section(missing="No views were rendered; markergen validate renders them with --views 100.")
-    predicted, samples = subject.predicted, seen.get("samples") or []
+    samples = seen["samples"]
     section = Section(image_sentences(seen), tables=_views_tables(seen))
     for group, groups, axis in GROUPINGS:
         where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
         for key, name, unit in ERRORS:
             measured: dict[str, dict[str, Any]] = {}
-            for group_name, row in (seen.get(groups) or {}).items():
-                for estimator, parts in (row.get("estimators") or {}).items():
+            for group_name, row in seen[groups].items():
+                for estimator, parts in row["estimators"].items():
                     measured.setdefault(estimator, {})[group_name] = parts[key]
             if not measured and not len(where):
                 continue
-            limits = {} if predicted is None else _by_group(predicted, groups, key)
+            limits = _by_group(predicted, groups, key)
             drawing = partial(
                 errors_over, measured, limits, samples=(where, _column(samples, key)), bound_name="predicted"
             )
@@ -132,16 +127,14 @@ def views(subject: Subject) -> Section:
                     f"{name.capitalize()} error in rendered images over the {group}.",
                 )
             )
-    drawn = None if predicted is None else sample_pose_errors(predicted.covariance)
+    drawn = sample_pose_errors(predicted.covariance)
     for key, name, unit in (*ERRORS, ("point_px_rms", "dot center", "px, RMS of a view")):
         values = _column(samples, key)
         values = values[np.isfinite(values)]
         if not len(values):
             continue
         of_pose = key != "point_px_rms"
-        prediction = None
-        if of_pose and predicted is not None and drawn is not None:
-            prediction = _sizes(drawn, predicted, key)
+        prediction = _sizes(drawn, predicted, key) if of_pose else None
         curves = {DETECTOR if of_pose else "dots": ranked(values)}
         section.plots.append(
             plot(
@@ -151,22 +144,20 @@ def views(subject: Subject) -> Section:
                 f"Distribution of the {name} error over {len(values)} rendered views.",
             )
         )
-    by_degree = _by_degree(subject, samples)
+    by_degree = _by_degree(predicted, samples)
     if by_degree:
         section.folded.append(("Errors against poses, by degree of freedom", by_degree))
     return section
 
 
-def _by_degree(subject: Subject, samples: Sequence[Results]) -> Section | None:
+def _by_degree(predicted: Expected, samples: Sequence[Results]) -> Section | None:
     """The 36 plots of pose against error, and correlations that stand out; None of too few views."""
     kept = [sample for sample in samples if np.isfinite(np.array(sample["translation_error_mm"], dtype=float)).all()]
-    predicted = subject.predicted
-    if len(kept) < BINS or predicted is None:
+    if len(kept) < BINS:
         return None
     at = np.array([sample["pose"] for sample in kept])
-    poses = subject.setting.poses
     errors = DegreeErrors(
-        pose_degrees(poses.rotation[at], poses.translation[at]),
+        pose_degrees(predicted.poses.rotation[at], predicted.poses.translation[at]),
         np.array([[*sample["translation_error_mm"], *sample["rotation_vector_deg"]] for sample in kept]),
         in_units(np.sqrt(np.diagonal(predicted.covariance[at], axis1=1, axis2=2))),
     )
@@ -183,7 +174,7 @@ def _by_degree(subject: Subject, samples: Sequence[Results]) -> Section | None:
 
 def ellipses(subject: Subject) -> Section:
     """Predicted 95 % ellipses of dots and poses, and the measured errors."""
-    samples = subject.views.get("samples") or []
+    samples = subject.views.get("samples", [])
     expected = subject.predicted or subject.expected
     source = (
         "the noise and the print error that the views were made with"

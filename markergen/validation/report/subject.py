@@ -1,16 +1,16 @@
 """The subject of a report, and quantities derived from it: expected errors, their sources, and dot sizes."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from markergen.arrays import Array, Mask
+from markergen.bounds.dot_covariances import dot_ellipses
 from markergen.estimators.budget import PoseBudget
 from markergen.maths.information import covariance, rotation_bound
-from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
@@ -19,8 +19,7 @@ from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.optimize.layouts import largest_diameter
 from markergen.presentation import tables
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.error_to_plan_with import cells_of, headline, source_of
-from markergen.validation.expectation import Expectation
+from markergen.validation.error_to_plan_with import cells_of
 from markergen.validation.metrics import rms
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation"
 GROUPINGS = (("tilt", "by_polar_angle", "tilt, deg"), ("distance", "by_distance", "distance, m"))
 """Name, key in the results (and method of the poses), and axis label of each grouping of poses."""
 UNIT_NOISE_PX = 1.0
-"""Noise for the bounds if that of the results is missing or 0."""
+"""Noise for the bounds if that of the results is 0."""
 SOURCES = {"image": "image noise", "print": "print", "camera": "calibration", "total": "total"}
 
 
@@ -48,35 +47,21 @@ class Expected:
     poses : PoseDistribution
     source : str
         Sources of the errors, in words.
-    sampled : mapping
-        RMS ``rotation_deg`` and ``translation_mm`` (P,), with flips, where they were computed by `expectation.expect`;
-        empty for those of the covariance.
+    rotation_deg, translation_mm : arrays (P,)
+        RMS errors: with flips, where they were computed by `expectation.expect`, or those of the covariance.
     """
 
     covariance: Array
     poses: PoseDistribution
     source: str
-    sampled: Mapping[str, Array] = field(default_factory=dict)
+    rotation_deg: Array
+    translation_mm: Array
 
-    @property
-    def first_order_deg(self) -> Array:
-        """RMS rotation error (P,) in degrees by the covariance."""
-        return np.rad2deg(rotation_bound(self.covariance))
-
-    @property
-    def first_order_mm(self) -> Array:
-        """RMS translation error (P,) in mm by the covariance."""
-        return 1e3 * np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=-2, axis2=-1))
-
-    @property
-    def rotation_deg(self) -> Array:
-        """RMS rotation error (P,) in degrees."""
-        return self.sampled["rotation_deg"] if self.sampled else self.first_order_deg
-
-    @property
-    def translation_mm(self) -> Array:
-        """RMS translation error (P,) in mm."""
-        return self.sampled["translation_mm"] if self.sampled else self.first_order_mm
+    @classmethod
+    def first_order(cls, covariance: Array, poses: PoseDistribution, source: str) -> "Expected":
+        """Return the errors of a covariance alone."""
+        translation_mm = 1e3 * np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=-2, axis2=-1))
+        return cls(covariance, poses, source, np.rad2deg(rotation_bound(covariance)), translation_mm)
 
     @property
     def translation_pct(self) -> Array:
@@ -102,79 +87,47 @@ class Subject:
     results: Results
     marker: Marker
     setting: Setting
-    budget: PoseBudget | None
+    budget: PoseBudget
 
     @cached_property
     def expected(self) -> Expected:
         """Expected errors from all sources together."""
-        return expected(self.results, self.marker, self.setting, self.budget)
-
-    @cached_property
-    def headline(self) -> Results:
-        """What to plan with: as in the results, or to first order."""
-        stated: Results | None = self.results.get("headline")
-        if stated:
-            return stated
-        expected, none = self.expected, np.zeros(len(self.expected.poses))
-        undrawn = np.zeros((len(none), 0))
-        first_order = Expectation(
-            expected.first_order_deg, expected.first_order_mm, expected.rotation_deg, expected.translation_mm,
-            none, none, none > 0, undrawn, undrawn,
-        )  # fmt: skip
-        return headline(first_order, expected.poses, expected.source)
-
-    @cached_property
-    def bins(self) -> list[PoseBin]:
-        """Expected errors at each distance and tilt."""
-        return pose_bins(self.expected)
-
-    @cached_property
-    def bound(self) -> Expected:
-        """Bound for the noise of the trials."""
-        return bound(self.marker, self.setting, noise_px(self.results))
+        # JSON has no infinity.
+        rotation_deg, translation_mm = (
+            np.array([np.inf if value is None else value for value in self.results["expected"][key]])
+            for key in ("rotation_deg", "translation_mm")
+        )
+        source = self.results["headline"]["source"]
+        return Expected(self.budget.total, self.setting.poses, source, rotation_deg, translation_mm)
 
     @property
     def views(self) -> Results:
         """Results of the views; empty if there are none."""
-        return self.results.get("views") or {}
+        return self.results["views"] or {}
 
     @cached_property
     def predicted(self) -> Expected | None:
         """Errors predicted for the views, if any, from their noise and any simulated print error."""
         if not self.views:
             return None
-        if self.budget is not None:
-            printed = self.budget.print if self.views.get("print_sigma_mm") or self.marker.places_measured else 0.0
-            sampled = {} if np.any(self.budget.camera) else self.expected.sampled
-            return Expected(self.budget.image + printed, self.setting.poses, "predicted", sampled)
-        # The bound of a dot's center is the root of the sum of both axes' variances.
-        pixels = self.views.get("image_bound_px")
-        return bound(self.marker, self.setting, pixels / np.sqrt(2)) if pixels else None
+        printed = self.budget.print if self.views["print_sigma_mm"] or self.marker.places_measured else 0.0
+        covariance = self.budget.image + printed
+        if np.any(self.budget.camera):
+            return Expected.first_order(covariance, self.setting.poses, "predicted")
+        return replace(self.expected, covariance=covariance, source="predicted")
 
 
 def noise_px(results: Mapping[str, Any]) -> float:
     """Noise in px that the bounds of a report assume."""
-    return float(results.get("noise_px") or UNIT_NOISE_PX)
-
-
-def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budget: PoseBudget | None) -> Expected:
-    """Expected errors of this marker: for the whole budget if there is one, else for image noise alone."""
-    if budget is not None:
-        parts = results.get("budget") or {}
-        source = source_of(parts.get("print_sigma_mm"), bool(np.any(budget.camera)), marker.places_measured)
-        stated = results.get("expected") or {}
-        keys = ("rotation_deg", "translation_mm") if stated else ()
-        # JSON has no infinity.
-        sampled = {key: np.array([np.inf if value is None else value for value in stated[key]]) for key in keys}
-        return Expected(budget.total, setting.poses, source, sampled)
-    return bound(marker, setting, noise_px(results))
+    return float(results["noise_px"] or UNIT_NOISE_PX)
 
 
 def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
     """Cramer-Rao bound of the marker for Gaussian noise of `noise_px` on every image coordinate."""
     seen = setting.sight.seen if setting.sight else None
     matrix = pose_bounds(marker.xyz, setting.camera, setting.poses, noise_px, seen).information
-    return Expected(noise_px**2 * covariance(matrix), setting.poses, f"image noise of {noise_px:g} px alone")
+    source = f"image noise of {noise_px:g} px alone"
+    return Expected.first_order(noise_px**2 * covariance(matrix), setting.poses, source)
 
 
 def pose_bins(expected: Expected) -> list[PoseBin]:
@@ -225,24 +178,21 @@ class Advice:
 
 
 def short_axes(marker: Marker, camera: Camera, poses: PoseDistribution, scale: float = 1.0) -> Array:
-    """Short axes (P, n) in px of the dots' images, with diameters multiplied by `scale`.
+    """Short axes (P, n) in px of the dots' images, with diameters multiplied by `scale`, see `dot_ellipses`.
 
-    Exact: that of the ellipse to which the homography of the dot's plane maps its circle, without lens distortion. 0 if
-    the circle's image is not an ellipse.
+    Without lens distortion; 0 if the circle's image is not an ellipse.
     """
-    radii = scale / 2 * np.array([point.feature.diameter for point in marker.control_points])
-    return _axes(marker.xyz, radii, camera, poses)[..., 1]
+    return _axes(marker.xyz, 2 * scale * marker.radii, camera, poses)[..., 1]
 
 
 def mean_diameters(marker: Marker, camera: Camera, poses: PoseDistribution) -> Array:
     """Roots (P, n) of long times short axis in px of the dots' images; see `short_axes`."""
-    radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
-    return np.asarray(np.sqrt(_axes(marker.xyz, radii, camera, poses).prod(axis=-1)))
+    return np.asarray(np.sqrt(_axes(marker.xyz, 2 * marker.radii, camera, poses).prod(axis=-1)))
 
 
 def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | None:
     """Advice on the size of the dots; None for bare points."""
-    if not min(point.feature.diameter for point in marker.control_points):
+    if not marker.radii.all():
         return None
     ranked = np.argsort(short_axes(marker, camera, poses).min(axis=1))
     # An actual pose rather than an interpolation: this percentage of the poses is at least as good.
@@ -272,7 +222,7 @@ def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[[
 
 def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) -> Extent:
     single_pose = PoseDistribution("one", poses.rotation[[pose]], poses.translation[[pose]])
-    center = _axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, single_pose)[..., 1]
+    center = _axes(np.zeros((1, 3)), np.array([marker.dot_diameter]), camera, single_pose)[..., 1]
     thinnest = float(short_axes(marker, camera, single_pose).min())
     extent, scale = thinnest, 1.0
     # The extent is nearly proportional to the diameter, so that the iteration converges fast.
@@ -285,9 +235,6 @@ def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) 
     return Extent(pose, thinnest, float(center[0, 0]), diameter)
 
 
-def _axes(points: Array, radii: Array, camera: Camera, poses: PoseDistribution) -> Array:
-    # A raised dot's plane is closer to the camera along the marker's z axis.
-    lifted = poses.translation[:, None] + points[:, 2, None] * poses.rotation[:, None, :, 2]
-    rotation = np.broadcast_to(poses.rotation[:, None], (*lifted.shape, 3))
-    _, semi, _ = circle_image(points[:, :2], radii, plane_homography(rotation, lifted, camera.ideal.matrix))
+def _axes(points: Array, diameters: Array, camera: Camera, poses: PoseDistribution) -> Array:
+    _, semi, _ = dot_ellipses(points, camera.ideal, poses.rotation, poses.translation, diameters)
     return np.asarray(np.nan_to_num(2 * semi))

@@ -27,14 +27,6 @@ def test_answer_has_the_hardest_case(subject, budget, few):
     assert "at 1.5 m, tilted by 0 deg" in second
 
 
-def test_without_a_headline_the_answer_is_first_order(subject, budget, few):
-    without = {key: part for key, part in subject.results.items() if key not in ("headline", "expected")}
-    deg = rms(np.rad2deg(rotation_bound(budget.total)))
-    said = report.answer(replace(subject, results=without)).sentences
-    assert said[0].startswith(f"Plan with {value_text(deg, 2)} deg")
-    assert not any("sampled" in line for line in said)
-
-
 def test_shares_in_words():
     parts = shares({"rotation_deg": {"image": 3.0, "print": 4.0, "camera": 0.0, "total": 5.0}}, "rotation_deg")
     assert report.in_words(parts) == sentence("shares", 64, 36, 0)
