@@ -11,7 +11,7 @@ from math import ceil
 from typing import Any
 
 from markergen.drawing.paper import Frame, SheetOptions
-from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
+from markergen.drawing.scene import BLACK, GRAY, LIGHT, Box, Shape, bounds, union
 from markergen.drawing.text import FACES, font_size, text_width, written
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, only
@@ -67,11 +67,11 @@ def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tu
     whole = rig_work(rig, options.fabrication, made)
     faces = in_common(works, whole.notes) if made.block else None
     parts = [sheets_of_rig(whole, faces, options.sheet)]
-    parts += [Sheets(work.block, front_page(work, options.sheet), []) if faces else sheets_of(work, options.sheet)
+    parts += [Sheets(work.block, front_page(work, options.sheet), [[]]) if faces else sheets_of(work, options.sheet)
               for work in works]  # fmt: skip
     name = rig_name(rig)
     data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
-    pages = sum(sheets.count for sheets in parts)
+    pages = sum(len(sheets.pages) for sheets in parts)
     first = parts[0].front
     drawn = f"the first on {first.frame.paper}, drawn {scale_words(first.scale)}"
     return data, (f"The fabrication sheets have {pages} pages, {drawn}.",)
@@ -90,29 +90,30 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
     about = f"Fabrication sheet: {work.block.title}, {scale} on {paper}."
     return (
         write_sheets([sheets], work.block.name, about),
-        (f"The fabrication sheet has {sheets.count} pages on {paper}, drawn {scale}.",),
+        (f"The fabrication sheet has {len(sheets.pages)} pages on {paper}, drawn {scale}.",),
     )
 
 
 @dataclass(frozen=True)
 class Sheets:
-    """First page of a drawing, and the further ones with their blocks."""
+    """Drawing with the blocks of its pages: on the first one beside the views, which then stand on its left.
+
+    Attributes
+    ----------
+    moved : float
+        How far the views are moved to the right, mm.
+    """
 
     block: TitleBlock
     front: FrontPage
     pages: "list[_Page]"
-
-    @property
-    def count(self) -> int:
-        """Number of pages."""
-        return 1 + len(self.pages)
+    moved: float = 0.0
 
 
 def sheets_of(work: Workpiece, options: SheetOptions) -> Sheets:
     """Lay a drawing out on pages; raises as `write_fabrication_sheet` does."""
     _embed_fonts()
-    front = front_page(work, options)
-    return Sheets(work.block, front, _best_pages(lambda *room: _blocks(work, *room), front.frame))
+    return _sheets(work.block, front_page(work, options), lambda *room: _blocks(work, *room))
 
 
 def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions) -> Sheets:
@@ -132,22 +133,34 @@ def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions)
             return [*tables, *_blocks(faces, width, height, style, columns, gap)]
         return [*tables, *_notes(work.notes, width, height, style)]
 
-    return Sheets(work.block, front, _best_pages(blocks, front.frame))
+    return _sheets(work.block, front, blocks)
+
+
+def _sheets(block: TitleBlock, front: FrontPage, blocks: "Blocks") -> Sheets:
+    """Lay blocks out beside the views of the first page and on further ones."""
+    area, ink = drawing_area(front.frame), union(*map(bounds, front.shapes))
+    moved = area[0] - ink[0]
+    pages = _best_pages(blocks, front.frame, (ink[2] + moved, *area[1:]))
+    return Sheets(block, front, pages, moved if pages[0] else 0.0)
 
 
 def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
     """Write drawings one after another into one PDF, with its title and subject."""
     buffer = BytesIO()
     canvas = bare_canvas(buffer, name, about)
-    number, count = 0, sum(sheets.count for sheets in parts)
+    number, count = 0, sum(len(sheets.pages) for sheets in parts)
     for sheets in parts:
         frame = sheets.front.frame
         size, scale = page_size(frame.paper), scale_words(sheets.front.scale)
-        for k, page in enumerate(((), *sheets.pages)):
+        for k, page in enumerate(sheets.pages):
             number += 1
             canvas.setPageSize(size)
             canvas.setTrimBox([0.0, 0.0, *size])
-            _draw(canvas, sheets.front.shapes if k == 0 else ())
+            if k == 0:
+                canvas.saveState()
+                canvas.translate(*_points(sheets.moved, 0.0))
+                _draw(canvas, sheets.front.shapes)
+                canvas.restoreState()
             _draw(canvas, drawing_title_block(sheets.block, frame, scale, number, count, k == 0))
             for block, left, top in page:
                 y = top
@@ -175,43 +188,60 @@ class _Item:
 _Page = list[tuple[_Item, float, float]]
 """Blocks of a page with the left and upper ends of each, mm."""
 
+
+@dataclass
+class _Column:
+    """Column of a page by its number there, with its ends, and how much of it is filled, mm."""
+
+    page: int
+    number: int
+    bottom: float
+    top: float
+    filled: float = 0.0
+
+    def holds(self, height: float, spare: float) -> bool:
+        """True if there is room for a block, with something to spare unless it is the first."""
+        return self.filled + height + (spare if self.filled else 0.0) <= self.top - self.bottom
+
+
 Blocks = Callable[[float, float, Style, int, float], list[_Item]]
 """Makes blocks for columns of a width and height, in a style, of their number, and with a gap between them, in mm."""
 
 
-def _best_pages(blocks: Blocks, frame: Frame) -> list[_Page]:
+def _best_pages(blocks: Blocks, frame: Frame, beside: Box) -> list[_Page]:
     """As few pages as possible, at the largest size of text and sections for these, each about as full as others."""
-    trials = [_pages(blocks, frame, density) for density in DENSITIES]
+    trials = [_pages(blocks, frame, beside, density) for density in DENSITIES]
     fewest = min(map(len, trials))
     number = next(k for k, pages in enumerate(trials) if len(pages) == fewest)
-    even = (_pages(blocks, frame, DENSITIES[number], level) for level in LEVELS)
-    return next((pages for pages in even if len(pages) == fewest), trials[number]) if fewest > 1 else trials[number]
+    even = (_pages(blocks, frame, beside, DENSITIES[number], level) for level in LEVELS)
+    several = sum(map(bool, trials[number])) > 1
+    return next((pages for pages in even if len(pages) == fewest), trials[number]) if several else trials[number]
 
 
-def _pages(blocks: Blocks, frame: Frame, density: float, level: float = 1.0) -> list[_Page]:
-    """Pages with everything but the front page, each filled to a level."""
+def _pages(blocks: Blocks, frame: Frame, beside: Box, density: float, level: float = 1.0) -> list[_Page]:
+    """Pages with everything, each filled to a level; the first one has the columns that there is room for `beside`."""
     left, bottom, right, top = drawing_area(frame, first=False)
     style = Style(frame.scale * density)
     count = max(int((right - left) / (COLUMN * frame.scale * min(density, 1.0))), 1)
     gap, space = GAP * style.scale, SPACE * style.scale
     width = (right - left - (count - 1) * gap) / count
     full = top - bottom
-    pages: list[_Page] = []
-    free: list[float] = []
+    first = int((beside[2] - beside[0]) / (width + gap))
+    pages: list[_Page] = [[]]
+    columns = [_Column(0, count - k, beside[1], beside[3]) for k in range(first, 0, -1)]
     for block in blocks(width, full, style, count, gap):
-        need, wide = block.height, block.span
-        # The first column, or columns side by side, with room for it.
-        need += (1 - level) * full if need < level * full else 0.0
-        starts = (k for k in range(len(free)) if k % count + wide <= count)
-        place = next((k for k in starts if min(free[k : k + wide]) >= need), None)
+        # The first columns side by side that have room for it; empty ones may be filled whole.
+        runs = [columns[k : k + block.span] for k in range(len(columns) + 1 - block.span)]
+        whole = (run for run in runs if run[0].page == run[-1].page)
+        place = next((run for run in whole if all(c.holds(block.height, (1 - level) * full) for c in run)), None)
         if place is None:
-            place = len(free)
+            columns += [_Column(len(pages), k, bottom, top) for k in range(count)]
+            place = columns[-count:][: block.span]
             pages.append([])
-            free += [full] * count
-        need = block.height
-        least = min(free[place : place + wide])
-        pages[place // count].append((block, left + place % count * (width + gap), top - full + least))
-        free[place : place + wide] = [least - need - space] * wide
+        filled = max(column.filled for column in place)
+        pages[place[0].page].append((block, left + place[0].number * (width + gap), place[0].top - filled))
+        for column in place:
+            column.filled = filled + block.height + space
     return pages
 
 
@@ -280,8 +310,11 @@ def _table(table: DrawingTable, width: float, style: Style) -> list[Any]:
                 row[widest] = Paragraph(_escaped(row[widest]), _paragraph_style("cell", style))
     title = _heading_size(style)
     (indent,) = _points(pad)
+    heading: Any = written(table.title, "bold")
+    if text_width(heading, title, "bold") > width:
+        heading = Paragraph(_escaped(table.title), _paragraph_style("heading", style))
     flowing = Table(
-        [[written(table.title, "bold"), *[""] * (len(widths) - 1)], list(map(written, table.headings)), *rows],
+        [[heading, *[""] * (len(widths) - 1)], list(map(written, table.headings)), *rows],
         colWidths=_points(*widths),
         hAlign="LEFT",
         style=[

@@ -18,6 +18,7 @@ from markergen.model.body_json import to_json
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, parse_dowel
+from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.workshop.formats.fab_pdf import write_fabrication_sheet
 
@@ -45,6 +46,13 @@ def said(document):
     return plain("".join(page.get_textpage().get_text_range() for page in document))
 
 
+def assert_apart(page):
+    boxes = [text.get_bounds() for text in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
+    assert len(boxes) > 10
+    for a, b in combinations(boxes, 2):
+        assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+
+
 def test_all_ink_is_inside_of_the_border(sheet):
     for page in sheet[2]:
         boxes = MM * np.array([each.get_bounds() for each in page.get_objects()])
@@ -59,10 +67,7 @@ def test_it_is_printed_to_scale(sheet):
 
 def test_no_two_texts_touch(sheet):
     for page in sheet[2]:
-        boxes = [each.get_bounds() for each in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
-        assert len(boxes) > 10
-        for a, b in combinations(boxes, 2):
-            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+        assert_apart(page)
 
 
 def test_all_that_the_drawing_says_can_be_searched(sheet):
@@ -102,6 +107,26 @@ def test_no_title_stands_without_what_it_is_of(sheet):
     for table in work.tables:
         if len(table.rows) <= 12:
             assert said(document).count(plain(table.title)) == 1
+
+
+@pytest.mark.parametrize(("radius", "beside"), [(0.08, True), (0.14, False)])
+def test_the_first_page_has_tables_where_there_is_room_beside_its_views(radius, beside):
+    # On A3 at 1 : 2, the views of 0.32 m leave less than a column, those of 0.2 m more.
+    work = described(case(ngon(8, radius), Circle(radius + 0.02), 0.03))
+    document = pypdfium2.PdfDocument(write_fabrication_sheet(work, SheetOptions())[0])
+    pages = [plain(page.get_textpage().get_text_range()) for page in document]
+    assert ["Centersofthedots" in page for page in pages] == [beside, not beside]
+    assert ["Notes" in page for page in pages] == [False, True]
+    document.close()
+
+
+def test_a_title_that_is_wider_than_its_column_wraps():
+    marker = case(FLAT, RECT, 0.01, Tag("aruco:DICT_ARUCO_MIP_36H12", 0, 0.03))
+    document = pypdfium2.PdfDocument(write_fabrication_sheet(described(marker), SheetOptions())[0])
+    assert "Cornersoftheblacksquareofaruco:DICT_ARUCO_MIP_36H12:0,mm" in said(document)
+    for page in document:
+        assert_apart(page)
+    document.close()
 
 
 @pytest.mark.long
