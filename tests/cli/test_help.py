@@ -61,6 +61,7 @@ def test_every_command_has_an_example(name, capsys):
         ("detect x.png --calibration c.yaml", "write --camera camera.yaml"),
         ("compare a.json --camera c.yaml", "the camera of the first marker's design"),
         ("design --raduis 80mm", "(Possible options: --radius);"),
+        ("design desk.toml", "a spec goes with --template desk.toml"),
         ("rig cube --sides 6", "No such option: --sides; see"),
     ],
 )
