@@ -1,7 +1,7 @@
 """Square tags and ChArUco boards: detection by cv2.aruco, with the settings that determine its accuracy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.comparison.contestants.base import Sighting
 from markergen.errors import InputError
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
@@ -102,33 +103,9 @@ BOARD_SETTINGS: Mapping[str, FiducialSettings] = {
 """Settings to choose from for a board; the first is OpenCV's default, and those without a remark are calibrated."""
 
 
-@dataclass(frozen=True, eq=False)
-class FiducialDetection:
-    """Corners of one tag or board in one image.
-
-    Attributes
-    ----------
-    ids : array (m,) of int
-        Rows of the fiducial's `corners` that were found; empty if it was not found.
-    pixels : array (m, 2), px
-        Corners, pixel centers at integer coordinates.
-    reason : str
-        Reason why it was not found; empty otherwise.
-    """
-
-    ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    pixels: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    reason: str = ""
-
-    @property
-    def found(self) -> bool:
-        """True if there are four or more corners."""
-        return len(self.ids) > 0
-
-
 def detect_fiducial(
     image: NDArray[np.uint8], fiducial: Fiducial, settings: FiducialSettings, camera: Camera | None = None
-) -> FiducialDetection:
+) -> Sighting:
     """Find one tag or board in a grey image with cv2.aruco.
 
     The corners follow our pixel convention. Measured in noise-free views (blur 0.7 px, 100 of the paper's poses, two
@@ -150,8 +127,9 @@ def detect_fiducial(
 
     Returns
     -------
-    FiducialDetection
-        A board counts as found with four or more inner corners that are not collinear.
+    Sighting
+        Rows of the fiducial's `corners` and their pixels, without a pose. A board counts as found with four or more
+        inner corners that are not collinear.
 
     Raises
     ------
@@ -173,19 +151,17 @@ def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings)
     return [(i, np.reshape(c, (4, 2)).astype(float) - offset) for c, i in zip(corners, numbers, strict=True)]
 
 
-def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) -> FiducialDetection:
+def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) -> Sighting:
     seen = find_tags(image, tag.family, settings)
     quads = [corners for number, corners in seen if number == tag.id]
     if not quads:
         others = [number for number, _ in seen]
-        return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {others}" if others else ""))
+        return Sighting(reason=f"no tag with id {tag.id}" + (f", but {others}" if others else ""))
     # Of several with the same id, take the largest.
-    return FiducialDetection(np.arange(4), max(quads, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
+    return Sighting(np.arange(4), max(quads, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
 
 
-def _find_board(
-    image: NDArray[np.uint8], board: Board, settings: FiducialSettings, camera: Camera | None
-) -> FiducialDetection:
+def _find_board(image: NDArray[np.uint8], board: Board, settings: FiducialSettings, camera: Camera | None) -> Sighting:
     if settings.calibrated and camera is None:
         raise InputError("a camera for the calibrated search", "none", "give the camera, or settings without it")
     detector = _board_detector(board, settings, camera if settings.calibrated else None)
@@ -199,12 +175,12 @@ def _find_board(
         pixels, ids, _, tags = detector.detectBoard(image)
     if ids is None or len(ids) < 4:
         seen = 0 if tags is None else len(tags)
-        return FiducialDetection(reason=f"{0 if ids is None else len(ids)} inner corners beside {seen} tags")
+        return Sighting(reason=f"{0 if ids is None else len(ids)} inner corners beside {seen} tags")
     numbers = np.ravel(ids).astype(np.intp)
     spread = board.corners[numbers] - board.corners[numbers].mean(axis=0)
     if np.linalg.matrix_rank(spread, tol=1e-6 * board.square) < 2:
-        return FiducialDetection(reason="inner corners on one line only")
-    return FiducialDetection(numbers, np.reshape(pixels, (-1, 2)).astype(float))
+        return Sighting(reason="inner corners on one line only")
+    return Sighting(numbers, np.reshape(pixels, (-1, 2)).astype(float))
 
 
 def _board_tags(

@@ -36,15 +36,16 @@ _INK_PX, _INK_DISTANCE = 500, 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """Points and pose that a contestant's detector found in one image.
+    """Points that a contestant's detector found in one image, and the pose that they determine.
 
     Attributes
     ----------
     ids : array (m,) of int
         Rows of the contestant's `points` that were found; empty if it was not found.
     pixels : array (m, 2), px
+        Pixel centers are at integer coordinates.
     rotation, translation : arrays (3, 3) and (3,), m, or None
-        The pose T_camera_marker.
+        The pose T_camera_marker; None before it is estimated.
     covariance : array (6, 6)
         Of (w, dt), rad and m in the camera frame; nan if its detector reports none.
     reason : str
@@ -60,7 +61,7 @@ class Sighting:
 
 
 class Contestant(ABC):
-    """A marker of any kind: how to render and detect it and to estimate its pose.
+    """A marker of any kind, painted on the plates of a body: how to render and detect it and to estimate its pose.
 
     Attributes
     ----------
@@ -73,9 +74,12 @@ class Contestant(ABC):
         Of so many poses that look the same to it, the nearest to the true one counts.
     detector : str
         What finds it.
+    body : Body or None
+        None of a single plate.
     """
 
     name: str
+    body: Body | None
     absent: str = ""
     turns: int = 1
     detector: str = OURS
@@ -119,45 +123,6 @@ class Contestant(ABC):
         """Independent displacements (k, 2) in m in one print, of the dots or of the corners of squares."""
 
     @abstractmethod
-    def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
-        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
-
-    def scene(self, camera: Camera) -> Scene | None:
-        """Patches of an exact print by rotation (3, 3) and translation (3,), m; None if it is not seen as one plane."""
-        del camera
-        return None
-
-    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
-        """Photometric bound of an exact print in one pose, deg and %; nan if it has no `scene`."""
-        scene = self.scene(camera)
-        if scene is None:
-            return np.nan, np.nan
-        bounds = photometric_bounds(scene, camera, poses, optics)
-        return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
-
-    def room(self, setting: Boundary) -> Boundary:
-        """Return what it was drawn in: that of the setting, unless it has its own."""
-        return setting
-
-    @abstractmethod
-    def area(self, radius: float) -> float:
-        """Area in m^2 that it has for its ink."""
-
-    @abstractmethod
-    def ink(self, radius: float) -> float:
-        """Area in m^2 that is ink."""
-
-    @abstractmethod
-    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
-        """Detect it and estimate its pose."""
-
-
-class PaintedContestant(Contestant):
-    """A contestant painted on the plates of a body, or on a single plate where there is none."""
-
-    body: Body | None
-
-    @abstractmethod
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
         """Patches of one plate, whose print has the errors `moved`, as seen from its pose."""
 
@@ -166,7 +131,7 @@ class PaintedContestant(Contestant):
         return [moved]
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
-        """See `Contestant.render`."""
+        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
         parts = self.by_plate(moved)
         if self.body is None:
             return render_patches(self.patches(camera, pose, moved), camera, *pose, optics, rng)
@@ -184,17 +149,29 @@ class PaintedContestant(Contestant):
         return lambda rotation, translation: self.patches(camera, (rotation, translation), exact, plate)
 
     def scene(self, camera: Camera) -> Scene | None:
-        """See `Contestant.scene`; there is none for several plates."""
+        """Patches of an exact print by rotation (3, 3) and translation (3,), m; None if it is on several plates."""
         return self.plate_scene(camera) if self.body is None or len(self.body.plates) == 1 else None
 
+    def bound(self, camera: Camera, poses: PoseDistribution, optics: Optics) -> tuple[float, float]:
+        """Photometric bound of an exact print in one pose, deg and %; nan if it has no `scene`."""
+        scene = self.scene(camera)
+        if scene is None:
+            return np.nan, np.nan
+        bounds = photometric_bounds(scene, camera, poses, optics)
+        return float(bounds.rotation_deg[0]), float(bounds.translation_pct[0])
+
+    def room(self, setting: Boundary) -> Boundary:
+        """Return what it was drawn in: that of the setting, unless it has its own."""
+        return setting
+
     def area(self, radius: float) -> float:
-        """See `Contestant.area`: that of its circle, of this radius if it has no body; of a rig of all plates."""
+        """Area in m^2 that it has for its ink: its circle, of this radius if it has no body; of a rig all plates."""
         if self.body is None or self.body.frame == "marker":
             return np.pi * self.room(Circle(radius)).radius ** 2
         return sum(plate.marker.boundary.region.area for plate in self.body.plates)
 
     def ink(self, radius: float) -> float:
-        """See `Contestant.ink`: inside circles about the origins of the plates, of this radius if there is no body."""
+        """Area in m^2 that is ink, inside circles about the plates' origins, of this radius if there is no body."""
         radii = [radius] if self.body is None else [plate.marker.boundary.radius for plate in self.body.plates]
         return sum(self._ink(radius, plate) for plate, radius in enumerate(radii))
 
@@ -208,9 +185,13 @@ class PaintedContestant(Contestant):
         inside = x**2 + y**2 <= (_INK_PX + 0.5) ** 2
         return float(np.sum(1 - level[inside] / 255.0, dtype=float)) * (radius / _INK_PX) ** 2
 
+    @abstractmethod
+    def sight(self, image: Image, camera: Camera, choice: Choice, print_sigma: float) -> Sighting:
+        """Detect it and estimate its pose."""
+
 
 @dataclass(frozen=True, eq=False)
-class Absent(PaintedContestant):
+class Absent(Contestant):
     """A contestant whose library is not installed: it keeps its row, and says what to install."""
 
     name: str
@@ -238,7 +219,7 @@ class Absent(PaintedContestant):
         return np.zeros((0, 2))
 
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
-        """See `PaintedContestant.patches`: none."""
+        """See `Contestant.patches`: none."""
         del camera, pose, moved, plate
         return []
 

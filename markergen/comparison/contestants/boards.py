@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from math import hypot
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, share_of
-from markergen.comparison.fiducials import BOARD_SETTINGS, FiducialDetection, FiducialSettings, detect_fiducial
+from markergen.comparison.fiducials import BOARD_SETTINGS, FiducialSettings, detect_fiducial
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Board
@@ -62,7 +62,7 @@ class ChArUco(Squares):
         """See `Squares.exact_outlines`."""
         return self.board.outlines
 
-    def find(self, image: Grey, camera: Camera, options: FiducialSettings) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: FiducialSettings) -> Sighting:
         """See `Printed.find`."""
         return detect_fiducial(image, self.board, options, camera)
 

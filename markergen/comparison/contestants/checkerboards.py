@@ -7,9 +7,8 @@ from math import hypot
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size
-from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.tag import cell_outlines, to_plane
@@ -62,7 +61,7 @@ class Checkerboard(Squares):
         black = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
         return tuple(to_plane(outline, columns, rows, side) for outline in cell_outlines(black))
 
-    def find(self, image: Grey, camera: Camera, options: tuple[str, ...]) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: tuple[str, ...]) -> Sighting:
         """See `Printed.find`."""
         import cv2
 
@@ -72,8 +71,8 @@ class Checkerboard(Squares):
         cv2.setRNGSeed(0)  # It draws from OpenCV's own generator, so that the same image had different answers.
         is_found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
         if not is_found:
-            return FiducialDetection(reason="no checkerboard")
-        return FiducialDetection(np.arange(len(self.points)), corners.reshape(-1, 2).astype(float))
+            return Sighting(reason="no checkerboard")
+        return Sighting(np.arange(len(self.points)), corners.reshape(-1, 2).astype(float))
 
 
 def _board(text: str, arena: Arena) -> Checkerboard:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Printed, disk_outlines, grid_size, pose_of, share_of
-from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.maths.projection import center_offset, plane_homography
 from markergen.model.boards import unit_grid
@@ -71,7 +70,7 @@ class CircleGrid(Printed):
         """See `Printed.outlines`."""
         return disk_outlines(self.plane_points + moved, self.diameter / 2, scale_px)
 
-    def find(self, image: Grey, camera: Camera, options: float) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: float) -> Sighting:
         """See `Printed.find`."""
         import cv2
 
@@ -82,10 +81,10 @@ class CircleGrid(Printed):
         blobs = _blob_detector(options, image.size / len(self.points))
         is_found, centers = cv2.findCirclesGrid(image, (self.columns, self.rows), flags=flags, blobDetector=blobs)
         if not is_found:
-            return FiducialDetection(reason="no grid")
-        return FiducialDetection(np.arange(len(self.points)), centers.reshape(-1, 2).astype(float))
+            return Sighting(reason="no grid")
+        return Sighting(np.arange(len(self.points)), centers.reshape(-1, 2).astype(float))
 
-    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: bool) -> Array:
+    def refine(self, image: Grey, camera: Camera, detection: Sighting, refiner: bool) -> Array:
         """See `Printed.refine`."""
         del image
         return self._corrected(detection.pixels, camera) if refiner else detection.pixels

@@ -11,9 +11,9 @@ from markergen.comparison.contestants.base import (
     KINDS,
     Arena,
     Choice,
+    Contestant,
     ContestantKind,
     Image,
-    PaintedContestant,
     Pose,
     Sighting,
 )
@@ -34,7 +34,7 @@ from markergen.validation.validation import median_layout
 
 
 @dataclass(frozen=True, eq=False)
-class DotBody(PaintedContestant):
+class DotBody(Contestant):
     """One of our markers or rigs, found by our detector."""
 
     name: str
@@ -62,11 +62,11 @@ class DotBody(PaintedContestant):
         return np.concatenate([displacement(plate.marker, errors, rng, axes=2) for plate in plates])
 
     def by_plate(self, moved: Array) -> list[Array]:
-        """See `PaintedContestant.by_plate`."""
+        """See `Contestant.by_plate`."""
         return np.split(moved, self.body.first[1:])
 
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
-        """See `PaintedContestant.patches`."""
+        """See `Contestant.patches`."""
         printed = displaced(self.body.plates[plate].marker, moved)
         return seen_patches(printed, camera, *pose, margin=float(self.body.margins[plate]))
 

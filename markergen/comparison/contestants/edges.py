@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Choice, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, Choice, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.fiducials import TAG_SETTINGS, FiducialDetection
+from markergen.comparison.fiducials import TAG_SETTINGS
 from markergen.maths.projection import from_pixels, to_pixels
 from markergen.model.camera import Camera
 
@@ -44,7 +44,7 @@ class EdgeTag(SquareTag):
         """See `Contestant.describe`."""
         return ", ".join([super().describe(choice), *self.refiners])
 
-    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+    def refine(self, image: Grey, camera: Camera, detection: Sighting, refiner: Any) -> Array | None:
         """See `Printed.refine`."""
         del refiner
         return fit_edges(image, detection.pixels, self.tag.cells, camera)

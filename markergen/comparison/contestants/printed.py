@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import Choice, Image, PaintedContestant, Pose, Sighting
-from markergen.comparison.fiducials import FiducialDetection, as_taken, enlarged, enlarged_camera
+from markergen.comparison.contestants.base import Choice, Contestant, Image, Pose, Sighting
+from markergen.comparison.fiducials import as_taken, enlarged, enlarged_camera
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences
 from markergen.model.camera import Camera
@@ -37,7 +37,7 @@ _TERMINATION = (3, 200, 1e-3)
 desired error."""
 
 
-class Printed(PaintedContestant):
+class Printed(Contestant):
     """A flat pattern in black on a white disk that contains it with the white it needs.
 
     Attributes
@@ -73,16 +73,16 @@ class Printed(PaintedContestant):
         """Outlines (m, 2) in m of the ink of a print, to be filled even-odd; `scale_px` is 1 m in px of the image."""
 
     @abstractmethod
-    def find(self, image: Grey, camera: Camera, options: Any) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: Any) -> Sighting:
         """Find its points in an image, with options from `detectors`."""
 
-    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+    def refine(self, image: Grey, camera: Camera, detection: Sighting, refiner: Any) -> Array | None:
         """Improve the points (m, 2), px, that were found, by a value from `refiners`; None if there is nothing left."""
         del image, camera, refiner
         return detection.pixels
 
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
-        """See `PaintedContestant.patches`."""
+        """See `Contestant.patches`."""
         del plate
         nearest = max(float(pose[1][2]) - self.radius, 0.1 * self.radius)
         # Few different scales, so that what is drawn once serves many views.
@@ -97,8 +97,8 @@ class Printed(PaintedContestant):
         chosen = self.chosen(choice)
         factor = chosen["image"]
         detection = self.find(enlarged(grey, factor), enlarged_camera(camera, factor), chosen["detector"])
-        if not detection.found:
-            return Sighting(reason=detection.reason)
+        if detection.reason:
+            return detection
         detection = replace(detection, pixels=as_taken(detection.pixels, factor))
         pixels = self.refine(grey, camera, detection, chosen["refiner"])
         if pixels is None:
@@ -194,7 +194,7 @@ class Squares(Printed):
         """Distance in m from a corner to the next along an edge, or to the end of the white beside it."""
         return self.lattice.side
 
-    def refine(self, image: Grey, camera: Camera, detection: FiducialDetection, refiner: Any) -> Array | None:
+    def refine(self, image: Grey, camera: Camera, detection: Sighting, refiner: Any) -> Array | None:
         """See `Printed.refine`: by cornerSubPix with a window of each corner's own, a share of its spacing."""
         if not refiner:
             return detection.pixels

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
-from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 
@@ -42,15 +41,15 @@ class PupilTag(SquareTag):
     detector = "pupil-apriltags"
     detectors = OPTIONS
 
-    def find(self, image: Grey, camera: Camera, options: dict[str, float]) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: dict[str, float]) -> Sighting:
         """See `Printed.find`."""
         del camera
         detector = _detector(self.tag.family.partition(":")[2], **options)
         detections = [detection for detection in detector.detect(image) if detection.tag_id == self.tag.id]
         if not detections:
-            return FiducialDetection(reason=f"no tag with id {self.tag.id}")
+            return Sighting(reason=f"no tag with id {self.tag.id}")
         best = max(detections, key=lambda detection: float(detection.decision_margin))
-        return FiducialDetection(np.arange(4), np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX)
+        return Sighting(np.arange(4), np.asarray(best.corners, dtype=float)[_ORDER] - _OFFSET_PX)
 
 
 @cache

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Printed, grid_size, share_of
-from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.geometry.region import Region, enclosing_circle
 from markergen.model.camera import Camera
@@ -68,7 +67,7 @@ class RingGrid(Printed):
             self.scale * outline + offset for offset, ring in zip(moved, rings, strict=True) for outline in ring
         )
 
-    def find(self, image: Grey, camera: Camera, options: str) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: str) -> Sighting:
         """See `Printed.find`."""
         del camera
         detector = _detector(self.columns, self.rows, self.share)
@@ -77,9 +76,9 @@ class RingGrid(Printed):
         row = {number: k for k, number in enumerate(_drawn(self.columns, self.rows, self.share)[0])}
         seen = [ring for ring in result.detected_markers if ring.id in row]
         if len(seen) < 4:
-            return FiducialDetection(reason=f"{len(seen)} rings")
+            return Sighting(reason=f"{len(seen)} rings")
         ids = np.array([row[ring.id] for ring in seen], dtype=np.intp)
-        return FiducialDetection(ids, np.array([ring.center for ring in seen], dtype=float))
+        return Sighting(ids, np.array([ring.center for ring in seen], dtype=float))
 
 
 def _target(columns: int, rows: int, share: float) -> Any:

@@ -11,9 +11,8 @@ from math import pi, sqrt
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind
+from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares
-from markergen.comparison.fiducials import FiducialDetection
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.camera import Camera
@@ -88,7 +87,7 @@ class STag(Squares):
         """See `Squares.exact_outlines`."""
         return tuple(self.side * outline for outline in unit_outlines(self.number))
 
-    def find(self, image: Grey, camera: Camera, options: None) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: None) -> Sighting:
         """See `Printed.find`."""
         import stag
 
@@ -96,8 +95,8 @@ class STag(Squares):
         corners, ids, _ = stag.detectMarkers(image, LIBRARY)
         quads = [np.reshape(quad, (4, 2)) for quad, i in zip(corners, np.ravel(ids), strict=True) if i == self.number]
         if not quads:
-            return FiducialDetection(reason=f"no tag with id {self.number}")
-        return FiducialDetection(np.arange(4), quads[0].astype(float))
+            return Sighting(reason=f"no tag with id {self.number}")
+        return Sighting(np.arange(4), quads[0].astype(float))
 
 
 @lru_cache(maxsize=16)

@@ -14,22 +14,20 @@ from markergen.comparison.contestants.base import (
     KINDS,
     Arena,
     Choice,
+    Contestant,
     ContestantKind,
     Image,
-    PaintedContestant,
     Pose,
     Sighting,
 )
-from markergen.comparison.contestants.printed import IMAGES, Grey, Lattice, Squares
+from markergen.comparison.contestants.printed import IMAGES, Grey, Lattice, Squares, pose_of
 from markergen.comparison.fiducials import (
     TAG_SETTINGS,
-    FiducialDetection,
     as_taken,
     detect_fiducial,
     enlarged,
     find_tags,
 )
-from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.geometry.region import Region
 from markergen.model.body import Body
 from markergen.model.camera import Camera
@@ -75,13 +73,13 @@ class SquareTag(Squares):
         """See `Squares.exact_outlines`."""
         return self.tag.outlines
 
-    def find(self, image: Grey, camera: Camera, options: Any) -> FiducialDetection:
+    def find(self, image: Grey, camera: Camera, options: Any) -> Sighting:
         """See `Printed.find`."""
         return detect_fiducial(image, self.tag, options, camera)
 
 
 @dataclass(frozen=True, eq=False)
-class TagBody(PaintedContestant):
+class TagBody(Contestant):
     """The plates of a body with tags of one family, each as large as its plate allows; one pose from all corners."""
 
     name: str
@@ -124,11 +122,11 @@ class TagBody(PaintedContestant):
         return np.concatenate([Lattice(1, 1, tag.side).print_error(sigma, rng) for tag in self.tags])
 
     def by_plate(self, moved: Array) -> list[Array]:
-        """See `PaintedContestant.by_plate`."""
+        """See `Contestant.by_plate`."""
         return np.split(moved, len(self.tags))
 
     def patches(self, camera: Camera, pose: Pose, moved: Array, plate: int = 0) -> list[Patch]:
-        """See `PaintedContestant.patches`."""
+        """See `Contestant.patches`."""
         del camera, pose
         tag = self.tags[plate]
         regions = self.body.plate_regions[plate].rings, Lattice(1, 1, tag.side).displaced(tag.outlines, moved)
@@ -156,10 +154,7 @@ class TagBody(PaintedContestant):
         plate = self.body.plates[plates[0]]
         points = plate.to_marker(self.points[ids])
         points[np.abs(points) < 1e-9 * self.body.radius] = 0.0
-        estimator = ESTIMATORS["lm"]
-        assert isinstance(estimator, PoseEstimator)
-        batch = Correspondences.from_distorted(points, pixels[None], camera)
-        rotation, translation = (part[0] for part in batch.once(estimator).best)
+        rotation, translation = pose_of(points, pixels, camera)
         turned = rotation @ plate.rotation_matrix.T
         return turned, translation - turned @ plate.translation_vector
 
