@@ -1,7 +1,7 @@
 """Square tags and ChArUco boards: detection by cv2.aruco, with the settings that determine its accuracy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -206,19 +206,6 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
 
     height, width = image.shape
     return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
-
-
-def enlarged_camera(camera: Camera, factor: int) -> Camera:
-    """Camera that takes enlarged images."""
-    return replace(
-        camera,
-        width=factor * camera.width,
-        height=factor * camera.height,
-        fx=factor * camera.fx,
-        fy=factor * camera.fy,
-        cx=factor * (camera.cx + 0.5) - 0.5,
-        cy=factor * (camera.cy + 0.5) - 0.5,
-    )
 
 
 def as_taken(pixels: Array, factor: int) -> Array:

@@ -273,6 +273,22 @@ class Camera:
         """The same camera without lens distortion."""
         return self if self.distortion == NO_DISTORTION else replace(self, distortion=NO_DISTORTION)
 
+    def scaled(self, factor: float) -> "Camera":
+        """Return the camera with `factor` times as many pixels along both axes; the image's edges stay where they are.
+
+        >>> Camera(640, 480, 800, 800, 319.5, 239.5).scaled(2)
+        Camera(width=1280, height=960, fx=1600, fy=1600, cx=639.5, cy=479.5)
+        """
+        return replace(
+            self,
+            width=max(1, round(factor * self.width)),
+            height=max(1, round(factor * self.height)),
+            fx=factor * self.fx,
+            fy=factor * self.fy,
+            cx=factor * (self.cx + 0.5) - 0.5,
+            cy=factor * (self.cy + 0.5) - 0.5,
+        )
+
     @property
     def fields_of_view(self) -> dict[str, float]:
         """Angles in rad between the rays of opposite edges and corners of the image; nan beyond the lens model."""

@@ -12,7 +12,6 @@ from markergen.comparison.fiducials import (
     as_taken,
     detect_fiducial,
     enlarged,
-    enlarged_camera,
 )
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
@@ -47,7 +46,7 @@ def board_views():
 
 
 def find(image, fiducial, settings, camera=PAPER_CAMERA, factor=1):
-    found = detect_fiducial(enlarged(image, factor), fiducial, settings, enlarged_camera(camera, factor))
+    found = detect_fiducial(enlarged(image, factor), fiducial, settings, camera.scaled(factor))
     return replace(found, pixels=as_taken(found.pixels, factor))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.comparison.contestants.base import Choice, Contestant, Image, Pose, Sighting
-from markergen.comparison.fiducials import as_taken, enlarged, enlarged_camera
+from markergen.comparison.fiducials import as_taken, enlarged
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences
 from markergen.model.camera import Camera
@@ -96,7 +96,7 @@ class Printed(Contestant):
         grey = np.ascontiguousarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
         chosen = self.chosen(choice)
         factor = chosen["image"]
-        detection = self.find(enlarged(grey, factor), enlarged_camera(camera, factor), chosen["detector"])
+        detection = self.find(enlarged(grey, factor), camera.scaled(factor), chosen["detector"])
         if detection.reason:
             return detection
         detection = replace(detection, pixels=as_taken(detection.pixels, factor))

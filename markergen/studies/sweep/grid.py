@@ -5,7 +5,7 @@ import itertools
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from math import isfinite, prod
 from pathlib import Path
 from typing import Any
@@ -288,16 +288,7 @@ def named_camera(text: str) -> Camera:
         factor = 0.0
     if not (isfinite(factor) and factor > 0):
         raise InputError("a scale above 0 after @", repr(text), "write paper@2, for example")
-    # Pixel centers are at integers, so the left edge of the image remains at -0.5.
-    return replace(
-        camera,
-        width=max(1, round(camera.width * factor)),
-        height=max(1, round(camera.height * factor)),
-        fx=camera.fx * factor,
-        fy=camera.fy * factor,
-        cx=(camera.cx + 0.5) * factor - 0.5,
-        cy=(camera.cy + 0.5) * factor - 0.5,
-    )
+    return camera.scaled(factor)
 
 
 def _combinations(
