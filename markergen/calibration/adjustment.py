@@ -121,6 +121,12 @@ class Adjustment:
         return max(1.0, self.variance_factor)
 
     @property
+    def image_variance(self) -> float:
+        """Median variance of a dot's center in the image along each axis, px^2."""
+        spread = np.trace(self.views.covariance, axis1=2, axis2=3)[self.weights > 0]
+        return float(np.median(spread)) / 2
+
+    @property
     def rms(self) -> float:
         """RMS over all measurements that took part of the length of the residual, px."""
         return float(np.sqrt((self.residual[self.weights > 0] ** 2).sum(axis=-1).mean()))

@@ -25,7 +25,7 @@ from markergen.calibration.judging import (
     compare_halves,
     cross_validate,
 )
-from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views
+from markergen.calibration.network import LEAST_DOTS, CameraFreedom, Length, Network, Views, lengths_among
 from markergen.calibration.next_photo import NextPhotos, next_photos
 from markergen.calibration.photos import PhotographedDots, find_dots, joined_photographs
 from markergen.calibration.pictures import stations
@@ -298,12 +298,8 @@ class Calibration(SavableResult):
             ],
             "unused": dict(unused(self)),
             "left_out": self._left_out(),
-            "halves": {"verdict": self.halves.verdict, "rms_um": self.halves.rms_um, "chance": self.halves.chance}
-            if isinstance(self.halves, Halves)
-            else {"reason": self.halves.reason},
-            "flex": {"verdict": self.flex.verdict, "amplitude": self.flex.amplitude, "chance": self.flex.chance}
-            if isinstance(self.flex, Flex)
-            else {"reason": self.flex.reason},
+            "halves": _judgment(self.halves, "verdict", "rms_um", "chance"),
+            "flex": _judgment(self.flex, "verdict", "amplitude", "chance"),
             "cause": self.cause,
             "notes": self.notes,
             **({} if self.rig is None else {"relation": self._relation()}),
@@ -345,6 +341,10 @@ class Calibration(SavableResult):
         rms = {"measured_px": cross.measured.rms, "nominal_px": cross.best_nominal.rms}
         gain = cross.gain and {"gain": cross.gain.ratio, "low": cross.gain.low, "high": cross.gain.high}
         return {"verdict": cross.verdict, **rms, **(gain or {}), "better": cross.better}
+
+
+def _judgment(judgment: Any, *keys: str) -> dict[str, Any]:
+    return {key: getattr(judgment, key) for key in (("reason",) if isinstance(judgment, NotJudged) else keys)}
 
 
 ELSEWHERE = 10.0
@@ -392,17 +392,8 @@ def network_of(designs: Sequence[Marker], knowledge: Known, camera: Camera, name
         freedom = CameraFreedom.held(camera)
     else:
         freedom = CameraFreedom.of_covariance(knowledge.covariance)
-    counts = [len(marker) for marker in designs]
-    return Network(
-        np.concatenate([marker.xyz for marker in designs]),
-        np.concatenate([marker.radii for marker in designs]),
-        (camera,),
-        freedom,
-        np.repeat(np.arange(len(designs)), counts),
-        knowledge.free,
-        knowledge.lengths,
-        _prior(designs),
-    )
+    beside = {"free": knowledge.free, "lengths": knowledge.lengths, "prior": _prior(designs)}
+    return Network.of_markers(designs, camera, freedom, **beside)
 
 
 def _prior(designs: Sequence[Marker]) -> Array | None:
@@ -563,12 +554,7 @@ def _with_markers(body: Body, markers: Sequence[Marker], relation: Array | None 
 
 def _with_lengths(cleaned: Cleaned, lengths: tuple[Length, ...]) -> Cleaned:
     """Adjust again with other lengths, of all dots, if there are any."""
-    adjusted, chosen = cleaned.adjustment, np.flatnonzero(cleaned.dots).tolist()
-    rulers = tuple(
-        replace(ruler, first=chosen.index(ruler.first), second=chosen.index(ruler.second))
-        for ruler in lengths
-        if {ruler.first, ruler.second} <= set(chosen)
-    )
+    adjusted, rulers = cleaned.adjustment, lengths_among(lengths, cleaned.dots)
     if not rulers:
         return cleaned
     network = replace(adjusted.network, lengths=rulers)
@@ -781,8 +767,7 @@ def _expected(
     setting = _setting(designs, knowledge, adjustment)
     poses, camera = setting.poses, adjustment.camera
     # As precise in the image as the photographs themselves.
-    spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
-    noise = float(np.sqrt(adjustment.scale * np.median(spread)))
+    noise = float(np.sqrt(adjustment.scale * adjustment.image_variance))
     n, size = int(is_on_marker.sum()), 3 * int(is_on_marker.sum())
     flat = np.kron(np.eye(n), np.diag([knowledge.print_sigma**2, knowledge.print_sigma**2, 0.0]))
     joint = adjustment.joint

@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from markergen.maths.batched import Batched
 from markergen.maths.information import apply_pose_step
 from markergen.maths.rotation import inverse_pose, pose_product, skew
 from markergen.model.camera import Camera, Distortion
+from markergen.model.marker import Marker
 
 Pose = tuple[Array, Array]
 
@@ -194,6 +195,16 @@ class Length:
     sigma: float
 
 
+def lengths_among(lengths: Sequence[Length], kept: Mask) -> tuple[Length, ...]:
+    """Return the lengths between dots `kept` (n,), by their index among these."""
+    number = np.cumsum(kept) - 1
+    return tuple(
+        replace(ruler, first=int(number[ruler.first]), second=int(number[ruler.second]))
+        for ruler in lengths
+        if kept[ruler.first] and kept[ruler.second]
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class CameraFreedom:
     """Parameters of cameras that the photographs may move: c = start + directions u.
@@ -310,6 +321,13 @@ class Network:
     loose: tuple[float, float] | None = None
     joints: Joints | None = None
 
+    @classmethod
+    def of_markers(cls, markers: Sequence[Marker], camera: Camera, freedom: CameraFreedom, **beside: Any) -> "Network":
+        """Return the network of all dots of some markers."""
+        points, radii = (np.concatenate([getattr(marker, name) for marker in markers]) for name in ("xyz", "radii"))
+        numbers = np.repeat(np.arange(len(markers)), [len(marker) for marker in markers])
+        return cls(points, radii, (camera,), freedom, numbers, **beside)
+
     @property
     def camera(self) -> Camera:
         """The first camera."""
@@ -327,18 +345,12 @@ class Network:
 
     def of_dots(self, kept: Mask) -> "Network":
         """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
-        number = np.cumsum(kept) - 1
-        lengths = tuple(
-            replace(ruler, first=int(number[ruler.first]), second=int(number[ruler.second]))
-            for ruler in self.lengths
-            if kept[ruler.first] and kept[ruler.second]
-        )
         return replace(
             self,
             design=self.design[kept],
             radii=self.radii[kept],
             marker=self.marker[kept],
-            lengths=lengths,
+            lengths=lengths_among(self.lengths, kept),
             prior=None if self.prior is None else self.prior[kept],
         )
 

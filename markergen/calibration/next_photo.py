@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.coverage import SIDES, coverage_of, posed
-from markergen.calibration.weaknesses import bounded_covariance
+from markergen.calibration.weaknesses import bounded_covariance, two_digits
 from markergen.calibration.working_error import ExpectedError, Sensitivity, sensitivity
 from markergen.detect.detector import Detector
 from markergen.errors import InputError
@@ -135,13 +135,13 @@ class NextPhotos:
         was = first.before.rotation_deg
         if not self.helps:
             return (
-                f"More photographs hardly help: the best one would lower the expected rotation error of {_short(was)} "
-                f"deg by {100 * max(first.gain, 0):.0f} %."
+                "More photographs hardly help: the best one would lower the expected rotation error of "
+                f"{two_digits(was)} deg by {100 * max(first.gain, 0):.0f} %."
             )
-        expected = _short(was) if was < OPEN_DEG else f"{OPEN_DEG:.0f} deg or more"
+        expected = two_digits(was) if was < OPEN_DEG else f"{OPEN_DEG:.0f} deg or more"
         return (
             f"Next photograph: {first.request}. It lowers the expected rotation error from {expected} to "
-            f"{_short(first.after.rotation_deg)} deg."
+            f"{two_digits(first.after.rotation_deg)} deg."
         )
 
     def draw(self, ax: "Axes | None" = None, which: int = 0) -> "Axes":
@@ -210,8 +210,7 @@ def next_photos(
     dots = np.flatnonzero(network.marker == network.marker[0])
     points, radii, camera = adjustment.places[dots], network.radii[dots], adjustment.camera
     names = [f"dot {k}" for k in range(len(network.design))] if names is None else names
-    spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
-    noise = float(np.sqrt(np.median(spread)))
+    noise = float(np.sqrt(adjustment.image_variance))
     taken = adjustment.views.seen[:, dots].any(axis=1)
     earlier = adjustment.views.rotation[taken], adjustment.views.translation[taken]
     is_projected = np.isfinite(camera.project(points, *poses)).all(axis=(1, 2))
@@ -452,11 +451,6 @@ def _corners(points: Array) -> NDArray[np.intp]:
     import cv2
 
     return np.asarray(cv2.convexHull(points.astype(np.float32), returnPoints=False)[:, 0], dtype=np.intp)
-
-
-def _short(number: float) -> str:
-    """Two digits."""
-    return f"{number:.2g}"
 
 
 STILL = 5e-4

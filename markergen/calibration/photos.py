@@ -189,21 +189,17 @@ def find_dots(
     sources = [every[k] for k in fitting]
     scouts = np.linspace(0, len(sources) - 1, min(SCOUTS, len(sources))).astype(int)
     chosen = sources if is_given else [sources[k] for k in scouts]
-    results, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers, notes)
+    seen, reasons = _searched(markers, chosen, camera, camera_covariance, progress, workers, notes)
     if camera is None:
-        seen = _labeled(markers, results, {})
         if len({dots.photo for dots in seen}) < ENOUGH and len(chosen) < len(sources):
-            results, reasons = _searched(markers, sources, None, None, progress, workers, notes)
-            seen = _labeled(markers, results, {})
+            seen, reasons = _searched(markers, sources, None, None, progress, workers, notes)
         camera = _started(markers, seen, size)
         before, joined = -1, 0
         while seen and before < joined < len(sources):
             if joined:
                 camera = _adjusted(markers, seen, camera)[0]
-            results, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
-            seen = _labeled(markers, results, {})
+            seen, reasons = _searched(markers, sources, camera, None, progress, workers, notes)
             before, joined = joined, len({dots.photo for dots in seen})
-    seen = _labeled(markers, results, reasons)
     reasons |= _bent(markers, sources, camera, reasons)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
@@ -299,8 +295,8 @@ def _searched(
     progress: Progress | None,
     workers: int | None,
     notes: dict[str, None],
-) -> tuple[list[tuple[Found, ...]], dict[int, str]]:
-    """Results for each photograph, and why some could not be used; notes remarks of the reader, each of them once."""
+) -> tuple[list[Labeled], dict[int, str]]:
+    """Dots of the markers in each photograph, and why some have none; notes remarks of the reader, each once."""
     sigma = max(SEARCH_SIGMA, SEARCH_SHARE * max(marker.boundary.radius for marker in markers))
     if isinstance(sources[0], np.ndarray):
         detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=sigma)
@@ -309,18 +305,19 @@ def _searched(
             results.append(tuple(detector(image)))
             if progress:
                 progress("detecting", len(results), len(sources))
-        return results, {}
+        return _labeled(markers, results, {})
     detections = detect_files(
         sources, markers, camera,
         camera_covariance=camera_covariance, print_sigma=sigma, workers=workers, progress=progress,
     )  # fmt: skip
     notes.update(dict.fromkeys(note for detected in detections for note in detected.notes))
-    return [detected.markers for detected in detections], {
-        k: detected.error for k, detected in enumerate(detections) if detected.error
-    }
+    reasons = {k: detected.error for k, detected in enumerate(detections) if detected.error}
+    return _labeled(markers, [detected.markers for detected in detections], reasons)
 
 
-def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[Labeled]:
+def _labeled(
+    markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]
+) -> tuple[list[Labeled], dict[int, str]]:
     """Dots of the markers found in each photograph; fills in why a photograph has none."""
     seen = []
     for photo, detections in enumerate(results):
@@ -341,7 +338,7 @@ def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], re
         if not dots_of_markers and detections:
             reasons.setdefault(photo, "; ".join(dict.fromkeys(result.reason for result in detections if result.reason)))
         seen += dots_of_markers
-    return seen
+    return seen, reasons
 
 
 def _bent(markers: Sequence[Marker], sources: Sequence[Any], camera: Camera, reasons: dict[int, str]) -> dict[int, str]:
@@ -349,8 +346,7 @@ def _bent(markers: Sequence[Marker], sources: Sequence[Any], camera: Camera, rea
     because, left = dict[int, str](), sorted(reasons)
     for k1 in OTHER_LENSES:
         lens = replace(camera, distortion=Distortion("radtan", (k1, 0.0, 0.0, 0.0)))
-        results = _searched(markers, [sources[k] for k in left], lens, None, None, None, {})[0] if left else []
-        for dots in _labeled(markers, results, {}):
+        for dots in _searched(markers, [sources[k] for k in left], lens, None, None, None, {})[0] if left else []:
             why = f"its lens is not the camera's, but bends by about k1 {k1:g}: found with that distortion only"
             because.setdefault(left[dots.photo], why)
     return because
@@ -444,14 +440,7 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera
     As it was, and inf, if the views do not determine it. Dots that do not fit count `OUTLIER`.
     """
     views, _ = _views(markers, seen, camera)
-    network = Network(
-        np.concatenate([marker.xyz for marker in markers]),
-        np.concatenate([marker.radii for marker in markers]),
-        (camera,),
-        CameraFreedom.of_names(camera, START),
-        np.repeat(np.arange(len(markers)), [len(marker) for marker in markers]),
-        free=False,
-    )
+    network = Network.of_markers(markers, camera, CameraFreedom.of_names(camera, START), free=False)
     # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
     spread = views.covariance + _printed(views, camera)
     try:

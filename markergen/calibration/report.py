@@ -30,6 +30,7 @@ from markergen.presentation import pages
 from markergen.presentation.pages import Section
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, Plot, legend_below, log_axis, plot, positive
 from markergen.presentation.tables import Table, number
+from markergen.validation.metrics import rms
 from markergen.validation.report import title
 
 if TYPE_CHECKING:
@@ -255,10 +256,10 @@ def _print_section(quantities: Quantities) -> Section | None:
         plane, height = np.linalg.norm(away[:, :2], axis=1), away[:, 2]
         sigma = np.sqrt(np.einsum("nii->ni", quantities.covariance))
         section.sentences.append(
-            f"In the print dots are {number(_rms(plane))} um RMS from where they were designed within the plane, at "
+            f"In the print dots are {number(rms(plane))} um RMS from where they were designed within the plane, at "
             f"most {number(float(plane.max()))} um (dot {quantities.dots[int(plane.argmax())]}); in height they "
             f"spread by {number(float(np.ptp(height)))} um. The photographs tell this to "
-            f"{number(_rms(sigma[:, :2]))} um along x and y, and to {number(_rms(sigma[:, 2]))} um in height "
+            f"{number(rms(sigma[:, :2]))} um along x and y, and to {number(rms(sigma[:, 2]))} um in height "
             "(1 sigma, RMS)."
         )
         section.plots += list(_maps(quantities, away, quantities.covariance, "map"))
@@ -340,7 +341,7 @@ def _maps(quantities: Quantities, away: np.ndarray, covariance: np.ndarray, name
 
 def _dot_table(quantities: Quantities) -> Table:
     calibration = quantities.calibration
-    taken, rejected, rms = quantities.taken.sum(axis=0), calibration.dropped.sum(axis=0), quantities.rms(axis=0)
+    taken, rejected, rms_px = quantities.taken.sum(axis=0), calibration.dropped.sum(axis=0), quantities.rms(axis=0)
     header, cells = ["dot"], [[name] for name in quantities.dots]
     if calibration.measured:
         header += ["dx", "dy", "dz", "sigma x", "sigma y", "sigma z"]
@@ -348,7 +349,7 @@ def _dot_table(quantities: Quantities) -> Table:
         for row, moved, spread in zip(cells, quantities.displacement, sigma, strict=True):
             row += [f"{value:+.1f}" for value in moved] + [f"{value:.1f}" for value in spread]
     header += ["seen", "rejected", "RMS, px"]
-    for row, *counts, residual in zip(cells, taken, rejected, rms, strict=True):
+    for row, *counts, residual in zip(cells, taken, rejected, rms_px, strict=True):
         row += [str(count) for count in counts] + [_px(residual)]
     title = "Dots of the print less the design, um" if calibration.measured else "Dots"
     return Table(
@@ -380,13 +381,13 @@ def _photos_section(quantities: Quantities) -> Section:
                 partial(draw_residual_vectors, views.pixels[part], residual[part], crossed, factor, calibrated.camera),
                 f"residuals{k or ''}",
                 f"Residuals of {int(part.sum())} dots over the image{of_camera(calibrated.name)}, "
-                f"{number(_rms(np.linalg.norm(residual[part], axis=1)))} px RMS.",
+                f"{number(rms(np.linalg.norm(residual[part], axis=1)))} px RMS.",
                 f"What is left between dots seen and dots predicted, {factor:g} times as long. A pattern in them is a "
                 "lens that the model does not follow, or a marker that bends.",
                 _image_size(quantities),
             )
         )
-    rms, factors, tilt = quantities.rms(axis=1), quantities.variance_factors, view_angles(views.rotation)[0]
+    rms_px, factors, tilt = quantities.rms(axis=1), quantities.variance_factors, view_angles(views.rotation)[0]
     distance = np.linalg.norm(views.translation, axis=1)
     numbers = calibration.sightings.photo[calibration.used] + 1
     section.tables.append(
@@ -399,7 +400,7 @@ def _photos_section(quantities: Quantities) -> Section:
                     str(numbers[row]),
                     str(taken[row].sum()),
                     str(rejected[row].sum()),
-                    _px(rms[row]),
+                    _px(rms_px[row]),
                     f"{factors[row]:.2f}",
                     f"{tilt[row]:.0f}",
                     f"{distance[row]:.3f}",
@@ -609,10 +610,6 @@ def _image_size(quantities: Quantities) -> tuple[float, float]:
     """Return width and height in inches of a plot over the image."""
     width, height = quantities.calibration.sightings.size
     return (4.9, float(np.clip(4.3 * height / width + 0.9, 2.6, 5.6)))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _px(value: float) -> str:

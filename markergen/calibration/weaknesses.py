@@ -137,8 +137,8 @@ def findings(
         remedy = _REMEDIES.get(name, f"take photographs that show {name}, from several sides")
         weaknesses.append(Weakness(name, sentence, remedy, refused or guessed))
     if worse:
-        times = f"{_short(np.sqrt(measured / design))} times as much as by a print with errors of"
-        lost = f"poses by the measured dots would err {times} {_short(1e3 * print_sigma)} mm"
+        times = f"{two_digits(np.sqrt(measured / design))} times as much as by a print with errors of"
+        lost = f"poses by the measured dots would err {times} {two_digits(1e3 * print_sigma)} mm"
         weaknesses[0] = replace(weaknesses[0], sentence=f"{weaknesses[0].sentence}, and {lost}")
     return tuple(weaknesses)
 
@@ -248,7 +248,7 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
     network, views = adjustment.network, adjustment.views
     size, r = adjustment.normal.dots, len(network.freedom)
     matrix, design = np.zeros((size + r,) * 2), 0.0
-    noise = float(np.sqrt(np.median(np.trace(views.covariance, axis1=2, axis2=3)[adjustment.weights > 0]) / 2))
+    noise = float(np.sqrt(adjustment.image_variance))
     markers = np.unique(network.marker)
     for marker in markers:
         dots = np.flatnonzero(network.marker == marker)
@@ -336,21 +336,21 @@ def _extent(adjustment: Adjustment, name: str, covariance: Array, length: float,
     sigma = np.sqrt(np.maximum(np.diag(directions @ covariance[size:, size:] @ directions.T), 0))
     if name not in _CAMERA:
         several = name.endswith(("dots", "more"))
-        extent = f"known to {_short(1e3 * length)} mm only" if length < LOST_M else "open"
+        extent = f"known to {two_digits(1e3 * length)} mm only" if length < LOST_M else "open"
         return f"{'the ' * name.endswith('dots')}{name} {'are' if several else 'is'} {extent}", False
-    worse = f"which alone turns poses by {_short(times)} times as much as the errors of a print"
+    worse = f"which alone turns poses by {two_digits(times)} times as much as the errors of a print"
     if name == "lens distortion":
         return f"{name} is open, {worse}", False
     if name == "principal point against tilt":
-        return f"{name} is known to {_short(float(np.hypot(*sigma[2:4])))} px only, {worse}", False
+        return f"{name} is known to {two_digits(float(np.hypot(*sigma[2:4])))} px only, {worse}", False
     share = float(sigma[0]) / camera.fx
     if name == "fx against fy":
         ratio = _ratio(adjustment)
         share = float(np.sqrt(ratio @ covariance[size:, size:] @ ratio))
-    extent = f"known to {_short(100 * share)} % only" if share < LOST_FOCAL else "open"
+    extent = f"known to {two_digits(100 * share)} % only" if share < LOST_FOCAL else "open"
     return f"{name} is {extent}, {worse}", share >= LOST_FOCAL
 
 
-def _short(number: float) -> str:
-    """Two digits."""
+def two_digits(number: float) -> str:
+    """Return a number with two digits, as it is if it has more."""
     return f"{number:.2g}" if number < 99 else f"{number:.0f}"
