@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import Sighting
+from markergen.comparison.contestants import Sighting
 from markergen.errors import InputError
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera

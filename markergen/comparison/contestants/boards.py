@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size, share_of
 from markergen.comparison.fiducials import BOARD_SETTINGS, FiducialSettings, detect_fiducial
 from markergen.errors import InputError

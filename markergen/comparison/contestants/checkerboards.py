@@ -7,7 +7,7 @@ from math import hypot
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares, grid_size
 from markergen.errors import InputError
 from markergen.model.camera import Camera

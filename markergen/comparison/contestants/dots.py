@@ -7,7 +7,7 @@ from math import pi, sin
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import (
+from markergen.comparison.contestants import (
     KINDS,
     Arena,
     Choice,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, Choice, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, Choice, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.comparison.fiducials import TAG_SETTINGS

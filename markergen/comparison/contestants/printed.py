@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import Choice, Contestant, Image, Pose, Sighting
+from markergen.comparison.contestants import Choice, Contestant, Image, Pose, Sighting
 from markergen.comparison.fiducials import as_taken, enlarged
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences

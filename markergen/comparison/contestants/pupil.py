@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.errors import InputError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Printed, grid_size, share_of
 from markergen.errors import InputError
 from markergen.geometry.region import Region, enclosing_circle

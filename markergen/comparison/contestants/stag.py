@@ -11,7 +11,7 @@ from math import pi, sqrt
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import KINDS, Arena, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Arena, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey, Lattice, Squares
 from markergen.errors import InputError
 from markergen.geometry.region import Region

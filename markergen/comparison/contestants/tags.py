@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants.base import (
+from markergen.comparison.contestants import (
     KINDS,
     Arena,
     Choice,
