@@ -299,14 +299,14 @@ def _combinations(
 ) -> Iterator[GridPoint]:
     """Points of the grid; impossible ones become findings, one for each reason."""
     impossible: dict[str, list[str]] = {}
-    feasible = _Feasible()
+    checked: dict[str, InputError | None] = {}
     for pairs in itertools.product(*axes.values()):
         written = {key: text for key, (text, _) in zip(axes, pairs, strict=True)}
         values = {**fixed, **{key: fit for key, (_, fit) in zip(axes, pairs, strict=True)}}
         layout, noise = values.pop("layout", LAYOUTS[0]), values.pop("noise", NOISE_PX)
         try:
             spec = spec_from_mapping(values, _TEXT)
-            yield GridPoint(written, spec, layout, float(noise), feasible.check(spec, layout, estimators))
+            yield GridPoint(written, spec, layout, float(noise), _estimators(spec, layout, estimators, checked))
         except InputError as error:
             expected, value, _ = error.args
             problem = value if expected == _INVALID else f"expected {expected}, found {value}"
@@ -320,59 +320,46 @@ def _where(written: Mapping[str, Any]) -> str:
     return " ".join(f"{key}={axis_text(value)}" for key, value in written.items()) or "the spec"
 
 
-class _Feasible:
-    """Checks specs and caches the results: most points of a grid share their room and poses."""
+def _estimators(
+    spec: Spec, layout: str, estimators: Sequence[str], checked: dict[str, InputError | None]
+) -> tuple[str, ...]:
+    """Names of the estimators to try at a point of the grid: the given ones, or all that support it.
 
-    def __init__(self) -> None:
-        self._seen: dict[str, InputError | None] = {}
+    What is `checked` is kept, since most points of a grid share their room and poses.
 
-    def check(self, spec: Spec, layout: str, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Names of the estimators to try at a point of the grid: the given ones, or all that support it.
+    Raises
+    ------
+    InputError
+        If no pose sees the marker, the dots do not fit, names are unknown, or options are incompatible.
+    """
+    if spec.n == AUTO and not spec.target:
+        raise InputError("numbers of dots, all of one size", "n='auto', of which a pad is made", "list numbers")
+    check_objective(spec, spec.noise_model == "image")
+    names = canonical_text(["names", spec.objective, spec.aggregate, spec.coordinates])
+    _once(checked, names, lambda: check_parts(spec, Setting(spec.boundary, spec.camera, poses_from("paper"))))
+    if layout != "designed":
+        for name in ("relief", "asymmetric"):
+            if getattr(spec, name):
+                raise InputError(f"layout='designed' for {name}", f"layout={layout!r}", f"leave out {name}")
+    planar = [name for name in estimators if spec.relief and ESTIMATORS[name].planar_only]
+    if planar:
+        raise InputError("estimators that support relief", ", ".join(planar), "leave them out")
+    others = ("objective", "aggregate", "coordinates", "seed", "restarts", "survive", "asymmetric")
+    room = canonical_text({key: value for key, value in spec.as_dict().items() if key not in others})
+    _once(checked, room, lambda: _check_room(spec))
+    every = estimators or ESTIMATORS.names()
+    return tuple(dict.fromkeys(name for name in every if not (spec.relief and ESTIMATORS[name].planar_only)))
 
-        Raises
-        ------
-        InputError
-            If no pose sees the marker, the dots do not fit, names are unknown, or options are incompatible.
-        """
-        if spec.n == AUTO and not spec.target:
-            raise InputError("numbers of dots, all of one size", "n='auto', of which a pad is made", "list numbers")
-        self._check_names(spec)
-        if layout != "designed":
-            for name in ("relief", "asymmetric"):
-                if getattr(spec, name):
-                    raise InputError(f"layout='designed' for {name}", f"layout={layout!r}", f"leave out {name}")
-        planar = [name for name in estimators if spec.relief and ESTIMATORS[name].planar_only]
-        if planar:
-            raise InputError("estimators that support relief", ", ".join(planar), "leave them out")
-        self._check_room(spec)
-        names = estimators or ESTIMATORS.names()
-        return tuple(dict.fromkeys(name for name in names if not (spec.relief and ESTIMATORS[name].planar_only)))
 
-    def _check_names(self, spec: Spec) -> None:
-        check_objective(spec, spec.noise_model == "image")
-        key = canonical_text(["names", spec.objective, spec.aggregate, spec.coordinates])
-        self._once(key, lambda: self._build(spec))
-
-    def _build(self, spec: Spec) -> None:
-        poses = poses_from("paper")
-        check_parts(spec, Setting(spec.boundary, spec.camera, poses))
-
-    def _check_room(self, spec: Spec) -> None:
-        values: dict[str, Any] = spec.as_dict()
-        for name in ("objective", "aggregate", "coordinates", "seed", "restarts", "survive", "asymmetric"):
-            values.pop(name, None)
-        self._once(canonical_text(values), lambda: _check_room(spec))
-
-    def _once(self, key: str, look: Callable[[], None]) -> None:
-        if key not in self._seen:
-            try:
-                look()
-                self._seen[key] = None
-            except InputError as error:
-                self._seen[key] = error
-        dots = self._seen[key]
-        if dots is not None:
-            raise dots
+def _once(checked: dict[str, InputError | None], key: str, check: Callable[[], None]) -> None:
+    if key not in checked:
+        try:
+            check()
+            checked[key] = None
+        except InputError as error:
+            checked[key] = error
+    if (refused := checked[key]) is not None:
+        raise refused
 
 
 def _check_room(spec: Spec) -> None:

@@ -38,7 +38,7 @@ from markergen.studies.run import CellProgress, Store, compute, open_store
 from markergen.studies.sweep.grid import GridPoint, Sweep, axis_text
 from markergen.units import parse_length
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.metrics import share_interval
+from markergen.validation.metrics import rms, share_interval
 from markergen.validation.trials import Experiment, HomographyErrors, PoseErrors, join, run_trials
 
 if TYPE_CHECKING:
@@ -264,8 +264,8 @@ def table_rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | 
         bounds: Row = {
             "pose_count": int(mask.sum()),
             "polar_angle_deg": name,
-            "rotation_bound_deg": _root_mean_square(trials["bound.rotation_deg"][mask]),
-            "translation_bound_pct": _root_mean_square(trials["bound.translation_pct"][mask]),
+            "rotation_bound_deg": rms(trials["bound.rotation_deg"][mask]),
+            "translation_bound_pct": rms(trials["bound.translation_pct"][mask]),
         }
         for estimator in point.estimators if sweep.runs else ("",):
             yield base | bounds | (_measured(trials, estimator, mask) if estimator else {})
@@ -313,10 +313,6 @@ def _measured(trials: Result, estimator: str, mask: NDArray[np.bool_]) -> Row:
             row |= {f"{name}s": successes, f"{name}_rate": successes / count}
             row |= {f"{name}_rate_low": low, f"{name}_rate_high": high}
     return row
-
-
-def _root_mean_square(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 LENGTHS = ("radius", "dot", "clearance", "relief", "print_sigma", "tag_side")
