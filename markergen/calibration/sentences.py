@@ -54,9 +54,7 @@ def sentences_of(calibration: "Calibration") -> dict[str, list[str]]:
 
 def summary(calibration: "Calibration") -> list[str]:
     """Return some ten sentences: the error to expect, the scale, the residuals, how it was judged, and warnings."""
-    sentences = sentences_of(calibration)
-    parts = (sentences[name] for name in ("answer", "photos", "relation", "judged", "camera", "next"))
-    return [*chain.from_iterable(parts), *calibration.notes]
+    return [*chain.from_iterable(sentences_of(calibration).values()), *calibration.notes]
 
 
 def verdict(calibration: "Calibration") -> tuple[str, bool]:

@@ -23,7 +23,7 @@ from markergen.comparison.compare import flips, forecast
 from markergen.comparison.contestants import KINDS, Arena, Choice, Contestant
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.printed import Squares
-from markergen.comparison.result import Comparison
+from markergen.comparison.result import Comparison, with_short_names
 from markergen.comparison.series import (
     TUNING,
     VIEWS,
@@ -309,7 +309,8 @@ class ProtocolComparison(Comparison):
         return data_frame(
             [
                 {"name": entry["name"], "rate": entry["rate"], "flips": entry["flips"], "error": name, **values}
-                for entry in _present(self._results)
+                for entry in self._results["contestants"]
+                if not entry["absent"]
                 for name, values in entry["unflipped"]["errors"].items()
             ]
         )
@@ -325,7 +326,7 @@ class ProtocolComparison(Comparison):
         axes, entries = axes_of(ax), _present(self._results)
         for entry in entries:
             spreads = [entry["unflipped"]["errors"][name]["std"] for name in ERRORS]
-            axes.plot(range(len(ERRORS)), [spread or np.nan for spread in spreads], "o-", label=_short(entry))
+            axes.plot(range(len(ERRORS)), [spread or np.nan for spread in spreads], "o-", label=entry["name"])
         axes.set_yscale("log")
         axes.set_xticks(range(len(ERRORS)), ERRORS, fontsize=7)
         axes.legend()
@@ -354,12 +355,7 @@ class ProtocolComparison(Comparison):
 
 
 def _present(results: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [entry for entry in results["contestants"] if not entry["absent"]]
-
-
-def _short(entry: Mapping[str, Any]) -> str:
-    name: str = entry["name"]
-    return Path(name).name if name.endswith(".json") else name
+    return [entry for entry in with_short_names(results) if not entry["absent"]]
 
 
 def heading(results: Mapping[str, Any]) -> str:
@@ -376,11 +372,11 @@ def heading(results: Mapping[str, Any]) -> str:
 
 def _overview(results: Mapping[str, Any]) -> Table:
     rows = [
-        [_short(entry), percent(entry["rate"]), str(entry["wrong"]), str(entry["failed"]), str(entry["flips"]),
+        [entry["name"], percent(entry["rate"]), str(entry["wrong"]), str(entry["failed"]), str(entry["flips"]),
          str(entry["mirrored"])]
         if not entry["absent"]
-        else [_short(entry), "absent", *"----"]
-        for entry in results["contestants"]
+        else [entry["name"], "absent", *"----"]
+        for entry in with_short_names(results)
     ]  # fmt: skip
     caption = (
         "Mirrored: poses nearer to the mirrored one than to the true one. Flips: those of them where the errors of the "
@@ -397,7 +393,7 @@ def _errors(
     which: str = "unflipped",
 ) -> Table:
     rows = [
-        [_short(entry), *(cell(row) for row in (entry[which] if which else entry)["errors"].values())]
+        [entry["name"], *(cell(row) for row in (entry[which] if which else entry)["errors"].values())]
         for entry in _present(results)
     ]
     return Table(title, ["", *ERRORS], rows, caption)
@@ -409,7 +405,7 @@ def _cells(results: Mapping[str, Any]) -> Table:
         cells = entry["unflipped"]["cells"]
         if cells:
             values = [number(cells[key], 2) for key in ("least", "median", "greatest")]
-            rows.append([_short(entry), *values, *(f"{cells[key]} of {cells['count']}" for key in ("above", "below"))])
+            rows.append([entry["name"], *values, *(f"{cells[key]} of {cells['count']}" for key in ("above", "below"))])
     caption = (
         "Root mean square of error over claimed standard deviation, in eight parts of each degree of freedom, for each "
         "error. Above and below: outside the 99 % interval of a right covariance, about 1.4 of 288 on each side."
@@ -425,7 +421,7 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
     for entry in _present(results):
         named = entry["unflipped"]["standing_out"][:NAMED]
         stands = f"errors go with the pose: {correlation_words(named)}" if named else "no error goes with the pose"
-        lines.append(f"{_short(entry)}: {entry['size']}; {entry['setting']}; {stands}.")
+        lines.append(f"{entry['name']}: {entry['size']}; {entry['setting']}; {stands}.")
     return lines
 
 
@@ -440,6 +436,6 @@ def degrees_figure(results: Mapping[str, Any]) -> "Figure":
         samples = (
             np.array(entry["samples"][name], dtype=float).reshape(-1, 6) for name in ("degrees", "errors", "sigma")
         )
-        block.suptitle(_short(entry), fontsize=9)
+        block.suptitle(entry["name"], fontsize=9)
         draw_degrees(block, DegreeErrors(*samples), entry["bins"])
     return figure

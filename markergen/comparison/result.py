@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from markergen.files import Written
-from markergen.presentation.plots import axes_of, log_axis
+from markergen.presentation.plots import axes_of, log_axis, new_figure
 from markergen.presentation.results import SavableResult, json_bytes
 from markergen.presentation.tables import Table, data_frame, number, percent
+from markergen.validation.error_to_plan_with import middle
 from markergen.validation.metrics import STATISTICS
 
 if TYPE_CHECKING:
@@ -300,9 +301,7 @@ def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 
 def comparison_figure(results: Mapping[str, Any]) -> "Figure":
     """Plot rotation errors of all contestants and their RMS by tilt, over the views that all found; deg, log scale."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
+    figure = new_figure((12, 1.9 + 0.42 * len(results["contestants"])))
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
     draw_errors(results, left)
     draw_by_tilt(results, right)
@@ -314,7 +313,7 @@ def comparison_figure(results: Mapping[str, Any]) -> "Figure":
 
 def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
     """Draw median, RMS with its interval, 95th percentile and bound of each rotation error, in one row each."""
-    entries = _with_short_names(results)
+    entries = with_short_names(results)
     looks: dict[str, dict[str, Any]] = {
         "median": {"marker": "o", "markerfacecolor": "white"},
         "rms": {"marker": "D", "markerfacecolor": "#222222"},
@@ -351,9 +350,9 @@ def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
 
 def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
     """Draw the RMS of each contestant's rotation error over the polar angle."""
-    entries = _with_short_names(results)
+    entries = with_short_names(results)
     groups = list(entries[0]["by_polar_angle"])
-    angles = [float(np.mean([float(end) for end in group.split("..")])) for group in groups]
+    angles = [middle(group) for group in groups]
     for k, entry in enumerate(entries):
         values = [entry["by_polar_angle"][group]["common"]["rotation_deg"]["rms"] for group in groups]
         ax.plot(
@@ -370,5 +369,6 @@ def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
     return ax
 
 
-def _with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+def with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the entries of contestants with names that fit a column."""
     return [entry | {"name": name} for name, entry in _named(results)]

@@ -57,6 +57,19 @@ class PoseBounds:
     translation_pct: Array
     separation: Array
 
+    @classmethod
+    def of(cls, matrix: Array, poses: PoseDistribution, noise_px: float = 1.0) -> "PoseBounds":
+        """Return the bounds for information (P, 6, 6) that is for noise of 1 px, if the noise is another."""
+        unit = covariance(matrix)
+        # Without noise the bound is 0, and any two poses are infinitely many bounds apart.
+        separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
+        return cls(
+            information=matrix,
+            rotation_deg=noise_px * np.rad2deg(rotation_bound(unit)),
+            translation_pct=noise_px * 100 * translation_bound(unit, poses.translation),
+            separation=np.broadcast_to(separation, len(poses)),
+        )
+
     def summary(self, poses: Mask) -> dict[str, float]:
         """RMS of the bounds over some poses."""
         return {"rotation_deg": rms(self.rotation_deg[poses]), "translation_pct": rms(self.translation_pct[poses])}
@@ -71,16 +84,8 @@ def pose_bounds(
     """
     ideal = pose_jacobian(points, poses.rotation, poses.translation, camera.focal)
     rows = through_lens(ideal, points, camera, poses)
-    matrix = information(rows if seen is None else np.where(np.repeat(seen, 2, axis=-1)[..., None], rows, 0.0))
-    unit = covariance(matrix)
-    # Without noise the bound is 0, and any two poses are infinitely many bounds apart.
-    separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
-    return PoseBounds(
-        information=matrix,
-        rotation_deg=noise_px * np.rad2deg(rotation_bound(unit)),
-        translation_pct=noise_px * 100 * translation_bound(unit, poses.translation),
-        separation=np.broadcast_to(separation, len(poses)),
-    )
+    counted = rows if seen is None else np.where(np.repeat(seen, 2, axis=-1)[..., None], rows, 0.0)
+    return PoseBounds.of(information(counted), poses, noise_px)
 
 
 Scene = Callable[[Array, Array], Sequence[Patch]]
@@ -116,13 +121,7 @@ def photometric_bounds(scene: Scene, camera: Camera, poses: PoseDistribution, op
     """
     poses_and_levels = zip(poses.rotation, poses.translation, strict=True)
     matrix = np.stack([_grey_information(scene, camera, *pose, optics) for pose in poses_and_levels])
-    inverse = covariance(matrix)
-    return PoseBounds(
-        information=matrix,
-        rotation_deg=np.rad2deg(rotation_bound(inverse)),
-        translation_pct=100 * translation_bound(inverse, poses.translation),
-        separation=flip_separation(poses.rotation, poses.translation, inverse),
-    )
+    return PoseBounds.of(matrix, poses)
 
 
 def _grey_information(scene: Scene, camera: Camera, rotation: Array, translation: Array, optics: Optics) -> Array:

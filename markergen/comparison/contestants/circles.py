@@ -62,10 +62,6 @@ class CircleGrid(Printed):
         """See `Contestant.size`."""
         return f"{len(self.points)} circles of {1e3 * self.diameter:.4g} mm"
 
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each circle."""
-        return sigma * rng.standard_normal((len(self.points), 2))
-
     def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
         """See `Printed.outlines`."""
         return disk_outlines(self.plane_points + moved, self.diameter / 2, scale_px)

@@ -68,6 +68,10 @@ class Printed(Contestant):
         """See `Contestant.points`."""
         return np.pad(self.plane_points, ((0, 0), (0, 1)))
 
+    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
+        """See `Contestant.print_error`: each point."""
+        return sigma * rng.standard_normal((len(self.points), 2))
+
     @abstractmethod
     def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
         """Outlines (m, 2) in m of the ink of a print, to be filled even-odd; `scale_px` is 1 m in px of the image."""
@@ -193,6 +197,11 @@ class Squares(Printed):
     def spacing(self) -> float:
         """Distance in m from a corner to the next along an edge, or to the end of the white beside it."""
         return self.lattice.side
+
+    @property
+    def size(self) -> str:
+        """See `Contestant.size`."""
+        return f"side {1e3 * self.lattice.side:.4g} mm"
 
     def refine(self, image: Grey, camera: Camera, detection: Sighting, refiner: Any) -> Array | None:
         """See `Printed.refine`: by cornerSubPix with a window of each corner's own, a share of its spacing."""

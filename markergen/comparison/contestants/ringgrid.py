@@ -55,10 +55,6 @@ class RingGrid(Printed):
         outer = 2 * self.scale * self.share * np.sqrt(3) / 2 / (1 + BAND)
         return f"{len(self.points)} rings of {1e3 * outer:.4g} mm"
 
-    def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: each ring."""
-        return sigma * rng.standard_normal((len(self.points), 2))
-
     def outlines(self, moved: Array, scale_px: float) -> tuple[Array, ...]:
         """See `Printed.outlines`."""
         del scale_px

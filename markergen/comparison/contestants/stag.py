@@ -68,11 +68,6 @@ class STag(Squares):
         return self.side * UNITS
 
     @property
-    def size(self) -> str:
-        """See `Contestant.size`."""
-        return f"side {1e3 * self.side:.4g} mm"
-
-    @property
     def lattice(self) -> Lattice:
         """See `Squares.lattice`: one."""
         return Lattice(1, 1, self.side)

@@ -54,11 +54,6 @@ class SquareTag(Squares):
         return self.tag.corners
 
     @property
-    def size(self) -> str:
-        """See `Contestant.size`."""
-        return f"side {1e3 * self.tag.side:.4g} mm"
-
-    @property
     def lattice(self) -> Lattice:
         """See `Squares.lattice`: one."""
         return Lattice(1, 1, self.tag.side)

@@ -242,10 +242,10 @@ def answer(subject: Subject) -> Section:
         "The hardest cases are in bold.",
     )
     book = ("what to plan with", "validate.md#what-to-plan-with")
-    section = Section(marker_plan(subject.results["headline"]), tables=[table], book=book)
-    expected = subject.expected
+    headline, expected = subject.results["headline"], subject.expected
+    section = Section(marker_plan(headline), tables=[table], book=book)
     errors = {"rotation": expected.rotation_deg, "translation": expected.translation_mm}
-    section.plots += dome_plots(subject.marker.plates, subject.setting.poses, errors, expected.source)
+    section.plots += dome_plots(subject.marker.plates, subject.setting.poses, errors, headline["source"])
     if "coverage" in subject.results:
         covered = coverage(subject.marker, subject.setting.camera, subject.setting.poses)
         section.tables.append(tables.dots_in_view_table(subject.results))

@@ -179,7 +179,7 @@ def ellipses(subject: Subject) -> Section:
     source = (
         "the noise and the print error that the views were made with"
         if subject.predicted is not None
-        else expected.source
+        else subject.results["headline"]["source"]
     )
     section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
     section.plots += _dots(subject, samples)

@@ -45,23 +45,20 @@ class Expected:
     covariance : array (P, 6, 6)
         First-order covariances of the pose (w, dt), see `maths.information`; rad and m.
     poses : PoseDistribution
-    source : str
-        Sources of the errors, in words.
     rotation_deg, translation_mm : arrays (P,)
         RMS errors: with flips, where they were computed by `expectation.expect`, or those of the covariance.
     """
 
     covariance: Array
     poses: PoseDistribution
-    source: str
     rotation_deg: Array
     translation_mm: Array
 
     @classmethod
-    def first_order(cls, covariance: Array, poses: PoseDistribution, source: str) -> "Expected":
+    def first_order(cls, covariance: Array, poses: PoseDistribution) -> "Expected":
         """Return the errors of a covariance alone."""
         translation_mm = 1e3 * np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=-2, axis2=-1))
-        return cls(covariance, poses, source, np.rad2deg(rotation_bound(covariance)), translation_mm)
+        return cls(covariance, poses, np.rad2deg(rotation_bound(covariance)), translation_mm)
 
     @property
     def translation_pct(self) -> Array:
@@ -97,8 +94,7 @@ class Subject:
             np.array([np.inf if value is None else value for value in self.results["expected"][key]])
             for key in ("rotation_deg", "translation_mm")
         )
-        source = self.results["headline"]["source"]
-        return Expected(self.budget.total, self.setting.poses, source, rotation_deg, translation_mm)
+        return Expected(self.budget.total, self.setting.poses, rotation_deg, translation_mm)
 
     @property
     def views(self) -> Results:
@@ -113,8 +109,8 @@ class Subject:
         printed = self.budget.print if self.views["print_sigma_mm"] or self.marker.places_measured else 0.0
         covariance = self.budget.image + printed
         if np.any(self.budget.camera):
-            return Expected.first_order(covariance, self.setting.poses, "predicted")
-        return replace(self.expected, covariance=covariance, source="predicted")
+            return Expected.first_order(covariance, self.setting.poses)
+        return replace(self.expected, covariance=covariance)
 
 
 def noise_px(results: Mapping[str, Any]) -> float:
@@ -126,8 +122,7 @@ def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
     """Cramer-Rao bound of the marker for Gaussian noise of `noise_px` on every image coordinate."""
     seen = setting.sight.seen if setting.sight else None
     matrix = pose_bounds(marker.xyz, setting.camera, setting.poses, noise_px, seen).information
-    source = f"image noise of {noise_px:g} px alone"
-    return Expected.first_order(noise_px**2 * covariance(matrix), setting.poses, source)
+    return Expected.first_order(noise_px**2 * covariance(matrix), setting.poses)
 
 
 def pose_bins(expected: Expected) -> list[PoseBin]:
