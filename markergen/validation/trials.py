@@ -153,8 +153,9 @@ class TrialResults:
         dots, headline, expected, relative_error, and coverage only if there is one.
         """
         experiment = self.experiment
-        poses, summarized = experiment.poses, partial(pose_summary, experiment.bounds)
-        by_polar_angle, by_distance = poses.by_polar_angle(), poses.by_distance()
+        poses, bounds = experiment.poses, experiment.bounds
+        every, by_polar_angle = np.ones(len(poses), dtype=bool), {"by_polar_angle": poses.by_polar_angle()}
+        groups, lm = by_polar_angle | {"by_distance": poses.by_distance()}, self.errors.get(NEES_OF)
         content = {
             "marker": {
                 "control_points": len(self.marker),
@@ -166,7 +167,9 @@ class TrialResults:
             "criteria": parts.get("criteria"),
             **({} if parts.get("coverage") is None else {"coverage": parts["coverage"]}),
             "comparisons": parts.get("comparisons"),
-            "nees": self._nees(by_polar_angle),
+            "nees": _by_group(lambda chosen: nees_statistics(lm.nees[chosen]), every, by_polar_angle)
+            if isinstance(lm, PoseErrors)
+            else None,
             "camera": experiment.camera.as_dict(),
             "poses": {"name": poses.name, "count": len(poses), "dropped": poses.dropped},
             "noise_px": experiment.noise_px,
@@ -175,21 +178,16 @@ class TrialResults:
             "condition": _range(self.condition),
             "relative_error": parts.get("relative_error"),
             "homography": {
-                name: _by_group(_homography, errors, by_polar_angle)
+                name: _by_group(partial(_homography, errors), every, by_polar_angle)
                 for name, errors in self.errors.items()
                 if isinstance(errors, HomographyErrors)
             },
             "estimators": {
-                name: _by_group(summarized, errors, by_polar_angle)
-                | {"by_distance": {name: summarized(errors, mask) for name, mask in by_distance.items()}}
+                name: _by_group(partial(pose_summary, bounds, errors), every, groups)
                 for name, errors in self.errors.items()
                 if isinstance(errors, PoseErrors)
             },
-            "bound": experiment.bounds.summary(np.ones(len(poses), dtype=bool))
-            | {
-                "by_polar_angle": {name: experiment.bounds.summary(mask) for name, mask in by_polar_angle.items()},
-                "by_distance": {name: experiment.bounds.summary(mask) for name, mask in by_distance.items()},
-            },
+            "bound": _by_group(bounds.summary, every, groups),
             "labels": parts.get("labels"),
             "dots": parts.get("dots"),
             "budget": parts.get("budget"),
@@ -198,12 +196,6 @@ class TrialResults:
         }
         values: dict[str, Any] = plain(content)
         return values
-
-    def _nees(self, groups: Mapping[str, Mask]) -> dict[str, Any] | None:
-        errors = self.errors.get(NEES_OF)
-        if not isinstance(errors, PoseErrors):
-            return None
-        return _by_group(lambda errors, poses: nees_statistics(errors.nees[poses]), errors, groups)
 
 
 def pose_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
@@ -275,15 +267,10 @@ def rig_trials(
     for name, experiment in experiments.items() if runs else ():
         errors = all_errors(experiment, workers, progress)[NEES_OF]
         assert isinstance(errors, PoseErrors)
-        summarized = partial(_rig_summary, experiment.bounds, errors)
-        estimators[name] = summarized(served) | {
-            key: {group: summarized(mask) for group, mask in masks.items()} for key, masks in groups.items()
-        }
+        estimators[name] = _by_group(partial(_rig_summary, experiment.bounds, errors), served, groups)
         nees = nees or nees_statistics(errors.nees[served])
-    bounds = experiments["lm"].bounds
     return {
-        "bound": bounds.summary(served)
-        | {key: {name: bounds.summary(mask) for name, mask in masks.items()} for key, masks in groups.items()},
+        "bound": _by_group(experiments["lm"].bounds.summary, served, groups),
         "estimators": estimators,
         "nees": nees,
     }
@@ -480,10 +467,12 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
 
 
-def _by_group(summarize: Any, errors: Errors, groups: Mapping[str, Mask]) -> dict[str, Any]:
-    everything = np.logical_or.reduce(list(groups.values()))
-    overall: dict[str, Any] = summarize(errors, everything)
-    return overall | {"by_polar_angle": {angle: summarize(errors, poses) for angle, poses in groups.items()}}
+def _by_group(
+    summarize: Callable[[Mask], dict[str, Any]], poses: Mask, groups: Mapping[str, Mapping[str, Mask]]
+) -> dict[str, Any]:
+    """Return what is made of some poses, and of those in each group by the names of the grouping and of the group."""
+    by_group = {key: {name: summarize(mask) for name, mask in masks.items()} for key, masks in groups.items()}
+    return summarize(poses) | by_group
 
 
 def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:

@@ -172,17 +172,16 @@ Summarize = Callable[[SyntheticViews[Any], list[Record]], dict[str, Any]]
 def summarize(series: SyntheticViews[Marker], records: list[Record]) -> dict[str, Any]:
     """Plain values of views of a marker, in the form described in docs/validate.md; see `Summarize`."""
     poses = series.poses
-    names = [DETECTOR, *_estimators(series.marker)]
-    pose = np.array([record.pose for record in records])
+    summary = partial(_summary, names=[DETECTOR, *_estimators(series.marker)])
     return {
-        **_summary(records, names),
+        **summary(records),
         "optics": {**vars(series.optics)},
         "background": series.background,
         "hidden": series.hidden,
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "print_measured": series.marker.places_measured,
-        "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
-        "by_distance": _by_group(records, names, pose, poses.by_distance()),
+        "by_polar_angle": _by_group(summary, records, poses.by_polar_angle()),
+        "by_distance": _by_group(summary, records, poses.by_distance()),
         "samples": [_sample(record, poses) for record in records if record.detected],
         "failures": [
             {"view": record.index, **_where(record, poses), "reason": record.failure}
@@ -199,20 +198,15 @@ def summarize_rig(
 
     The `budget` of the series need not be computed again if it is at hand; see `Summarize`.
     """
-    in_view, budget = series.coverage, budget or budget_of(series)
-    at = np.array([record.pose for record in records])
-    groups = {"none": ~in_view.served} | in_view.by_plates()
+    in_view = series.coverage
+    summary = partial(_rig_summary, budget=budget or budget_of(series))
     return {
-        **_rig_summary(records, budget),
-        "served": int(in_view.served[at].sum()),
+        **summary(records),
+        "served": int(in_view.served[[record.pose for record in records]].sum()),
         "optics": {**vars(series.optics)},
         "background": series.background,
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
-        "by_plates": {
-            name: _rig_summary([taken for taken, inside in zip(records, mask[at], strict=True) if inside], budget)
-            for name, mask in groups.items()
-            if mask[at].any()
-        },
+        "by_plates": _by_group(summary, records, {"none": ~in_view.served} | in_view.by_plates()),
         "samples": [
             {
                 **_place_of(record, series),
@@ -307,13 +301,10 @@ def _estimators(marker: Marker) -> dict[str, PoseEstimator]:
 
 
 def _by_group(
-    records: list[Record], names: Sequence[str], pose: Array, groups: Mapping[str, NDArray[np.bool_]]
+    summary: Callable[[list[Record]], dict[str, Any]], records: list[Record], groups: Mapping[str, Mask]
 ) -> dict[str, Any]:
-    return {
-        name: _summary([record for record, inside in zip(records, mask[pose], strict=True) if inside], names)
-        for name, mask in groups.items()
-        if mask[pose].any()
-    }
+    inside = {name: [record for record in records if mask[record.pose]] for name, mask in groups.items()}
+    return {name: summary(part) for name, part in inside.items() if part}
 
 
 def _summary(records: list[Record], names: Sequence[str]) -> dict[str, Any]:
