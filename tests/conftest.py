@@ -183,7 +183,7 @@ def undrawn(monkeypatch):
     from markergen.validation.report import measured
     from markergen.validation.report import plots as report_plots
 
-    def drawn(draw, name, alt, caption, size=plots.SIZE, kind=""):
+    def drawn(draw, name, alt, caption, size=plots.SIZE, kind="", **labels):
         return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
 
     for module in (report, measured, report_plots):

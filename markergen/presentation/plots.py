@@ -129,6 +129,7 @@ def plot(
     caption: str,
     size: tuple[float, float] = SIZE,
     kind: str = "",
+    **labels: str,
 ) -> Plot:
     """Draw on new axes, and return the drawing as part of a page, in colors for light and for dark.
 
@@ -144,12 +145,16 @@ def plot(
         Width and height in inches when printed.
     kind : str
         See `Plot`.
+    **labels : str
+        ``xlabel`` and ``ylabel`` of the axes, where `draw` leaves them out.
     """
     from matplotlib.figure import Figure
 
     with _settings(_PAGE_STYLE):
         figure = Figure(figsize=size)
-        draw(figure.add_subplot())
+        ax = figure.add_subplot()
+        draw(ax)
+        ax.set(**labels)
         svg = _saved(figure, format="svg", metadata=_NO_METADATA, transparent=True)
     return inline(svg, name, alt, caption, kind or ("wide" if size[0] > SIZE[0] else ""))
 

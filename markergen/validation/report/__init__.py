@@ -36,7 +36,6 @@ from markergen.validation.report.subject import (
     Results,
     Subject,
     advise,
-    labeled,
     noise_px,
     pose_bins,
     value_text,
@@ -277,14 +276,12 @@ def limits(subject: Subject) -> Section:
             ),
             *(
                 plot(
-                    labeled(
-                        partial(budget_over_tilt, subject.budget, subject.setting.poses, key),
-                        "tilt, deg",
-                        f"{name} error, {unit}",
-                    ),
+                    partial(budget_over_tilt, subject.budget, subject.setting.poses, key),
                     f"budget-{name}",
                     f"RMS {name} error by source over the tilt.",
                     f"Sources of the {name} error over the tilt, RMS.",
+                    xlabel="tilt, deg",
+                    ylabel=f"{name} error, {unit}",
                 )
                 for key, name, unit in ERRORS
             ),
@@ -409,13 +406,14 @@ def comparison(subject: Subject) -> Section:
         measured = {layout: _lm_rms(row, key) for layout, row in layouts.items()}
         section.plots.append(
             plot(
-                labeled(partial(compared, kept, measured), f"RMS {name} error, {unit}"),
+                partial(compared, kept, measured),
                 f"beside-{key}",
                 f"RMS {name} bound: "
                 + ", ".join(f"{layout} {value_text(value)}" for layout, value in kept.items())
                 + ".",
                 f"Bound of the {name} error for noise of {noise_px(results):g} px, over all poses; shorter is better.",
                 _LOW,
+                xlabel=f"RMS {name} error, {unit}",
             )
         )
     return section

@@ -39,7 +39,6 @@ from markergen.validation.report.subject import (
     Results,
     Subject,
     bound,
-    labeled,
     noise_px,
     pose_bins,
 )
@@ -74,12 +73,12 @@ def trials(subject: Subject) -> Section:
             }
             section.plots.append(
                 plot(
-                    labeled(
-                        partial(errors_over, measured, _by_group(limit, groups, key)), axis, f"{name} error, {unit}"
-                    ),
+                    partial(errors_over, measured, _by_group(limit, groups, key)),
                     f"trials-{group}-{key}",
                     f"RMS {name} error of each estimator over the {group}, with the bound below.",
                     f"{name.capitalize()} error over the {group}, for noise of {noise}.",
+                    xlabel=axis,
+                    ylabel=f"{name} error, {unit}",
                 )
             )
     drawn = sample_pose_errors(limit.covariance)
@@ -87,11 +86,12 @@ def trials(subject: Subject) -> Section:
         marks = {estimator: row[key] for estimator, row in estimators.items()}
         section.plots.append(
             plot(
-                labeled(partial(distribution, _sizes(drawn, limit, key), {}, marks=marks), f"{name} error, {unit}"),
+                partial(distribution, _sizes(drawn, limit, key), {}, marks=marks),
                 f"trials-cdf-{key}",
                 f"Cumulative distribution of the {name} error of each estimator and of the bound.",
                 f"Distribution of the {name} error over all trials and poses. The bound is what errors at the limit "
                 "would show.",
+                xlabel=f"{name} error, {unit}",
             )
         )
     section.tables += tables.trial_tables(results)
@@ -116,15 +116,15 @@ def views(subject: Subject) -> Section:
             if not measured and not len(where):
                 continue
             limits = _by_group(predicted, groups, key)
-            drawing = partial(
-                errors_over, measured, limits, samples=(where, _column(samples, key)), bound_name="predicted"
-            )
+            single = where, _column(samples, key)
             section.plots.append(
                 plot(
-                    labeled(drawing, axis, f"{name} error, {unit}"),
+                    partial(errors_over, measured, limits, samples=single, bound_name="predicted"),
                     f"views-{group}-{key}",
                     f"RMS {name} error in rendered images over the {group}, with single views as dots.",
                     f"{name.capitalize()} error in rendered images over the {group}.",
+                    xlabel=axis,
+                    ylabel=f"{name} error, {unit}",
                 )
             )
     drawn = sample_pose_errors(predicted.covariance)
@@ -138,10 +138,11 @@ def views(subject: Subject) -> Section:
         curves = {DETECTOR if of_pose else "dots": ranked(values)}
         section.plots.append(
             plot(
-                labeled(partial(distribution, prediction, curves, predicted_name="predicted"), f"{name} error, {unit}"),
+                partial(distribution, prediction, curves, predicted_name="predicted"),
                 f"views-cdf-{key}",
                 f"Cumulative distribution of the {name} error in rendered images.",
                 f"Distribution of the {name} error over {len(values)} rendered views.",
+                xlabel=f"{name} error, {unit}",
             )
         )
     by_degree = _by_degree(predicted, samples)
@@ -184,11 +185,9 @@ def ellipses(subject: Subject) -> Section:
     section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
     section.plots += _dots(subject, samples)
     corners = _corners(pose_bins(expected))
-    camera = ("to the right, mm", "away from the camera, mm")
-    axes = ("about the camera's x, deg", "about its y, deg")
-    for name, key, rows, scale, labels in (
-        ("position", "translation_error_mm", [3, 5], 1e3, camera),
-        ("attitude", "rotation_vector_deg", [0, 1], float(np.rad2deg(1.0)), axes),
+    for name, key, rows, scale, across, up in (
+        ("position", "translation_error_mm", [3, 5], 1e3, "to the right, mm", "away from the camera, mm"),
+        ("attitude", "rotation_vector_deg", [0, 1], np.rad2deg(1.0), "about the camera's x, deg", "about its y, deg"),
     ):
         covariances = scale**2 * expected.covariance[:, rows][:, :, rows]
         drawn = [_of_corner(corner, covariances, samples, key, [row % 3 for row in rows]) for corner in corners]
@@ -197,11 +196,13 @@ def ellipses(subject: Subject) -> Section:
         measured = any(len(drawing.errors) for drawing in drawn)
         section.plots.append(
             plot(
-                labeled(partial(draw_ellipses, drawn), *labels),
+                partial(draw_ellipses, drawn),
                 f"ellipse-{name}",
                 f"Predicted 95 % ellipses of the marker's {name} at {'; '.join(corner.name for corner in drawn)}.",
                 f"Error of the marker's {name} in the camera frame, at the nearest and the farthest, least and most "
                 f"tilted poses{', with the errors of the views from there' if measured else ''}.",
+                xlabel=across,
+                ylabel=up,
             )
         )
     return section
@@ -229,11 +230,13 @@ def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
     ]
     return [
         plot(
-            labeled(partial(draw_ellipses, pair), "right, px", "down, px"),
+            partial(draw_ellipses, pair),
             "ellipse-dots",
             "Errors of the dots' centers in the image, with the predicted and the measured 95 % ellipse.",
             f"Errors of {len(errors)} dot centers in the image, each as many standard deviations off as it was under "
             f"its own covariance. {100 * share_inside(carried, mean):.1f} % lie inside the predicted ellipse.",
+            xlabel="right, px",
+            ylabel="down, px",
         )
     ]
 

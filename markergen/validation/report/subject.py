@@ -1,9 +1,9 @@
 """The subject of a report, and quantities derived from it: expected errors, their sources, and dot sizes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from markergen.presentation import tables
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.error_to_plan_with import cells_of
 from markergen.validation.metrics import rms
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Results = Mapping[str, Any]
 
@@ -201,18 +198,6 @@ def value_text(value: float | None, digits: int = 3) -> str:
     if value is None or np.isnan(value):
         return "-"
     return "unbounded" if np.isinf(value) else tables.number(float(value), digits)
-
-
-def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[["Axes"], None]:
-    """Draw, then label the axes."""
-
-    def drawn(ax: "Axes") -> None:
-        draw(ax)
-        ax.set_xlabel(x)
-        if y:
-            ax.set_ylabel(y)
-
-    return drawn
 
 
 def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) -> Extent:
