@@ -136,10 +136,8 @@ def _wanted(marker: Marker) -> list[Wanted]:
 def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     marker, factor, note = wanted
     expected = expected_dots(marker)
-    ids = marker.ids.tolist()
     verdicts: list[Verdict] = []
-    findings = [Finding("marks", gap) for gap in reading.gaps]
-    findings += [Finding("twice", sentence, "remove one of both") for sentence in reading.twice]
+    findings = [*reading.findings]
     findings += [
         Finding("twice", f"page {k + 1} is page {j + 1} again", "leave one of both")
         for k, page in enumerate(reading.pages)
@@ -158,7 +156,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         # A page may have no dots, such as assembly instructions.
         if not len(dots) and len(reading.pages) > 1:
             continue
-        first, *others = judge_copies(expected, ids, dots, tolerance, upright=page.upright, pixels=page.measured)
+        first, *others = judge_copies(expected, dots, tolerance, upright=page.upright, pixels=page.measured)
         # Holes may be as many as the dots, and as large: they are not another marker.
         bored = at_holes(dots, first.motion, holes)
         here = [first, *(verdict for verdict in others if not bored[verdict.used].all())]
@@ -172,7 +170,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         explained_dots = np.concatenate([*(verdict.used for verdict in here), informative(page, dots)])
         findings += extras(dots, explained_dots, here[0].motion, holes)
     hidden = [layer for page in reading.pages for layer in page.hidden]
-    verdicts = verdicts or [judge(expected, ids, dots_on_page(reading.pages[0], expected), tolerance)]
+    verdicts = verdicts or [judge(expected, dots_on_page(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     if reading.alone and len(verdicts) > 1:
@@ -273,10 +271,9 @@ def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> di
     places = []
     for k, plate in enumerate(plates):
         expected = expected_dots(plate.marker)
-        ids = plate.marker.ids.tolist()
         for number, page in enumerate(reading.pages):
             dots = dots_on_page(page, expected)
-            verdicts = judge_copies(expected, ids, dots, tolerance, upright=page.upright, pixels=page.measured)
+            verdicts = judge_copies(expected, dots, tolerance, upright=page.upright, pixels=page.measured)
             for verdict in verdicts:
                 if len(verdict.used):
                     verdict = with_tag(verdict, plate.marker.tag, (1.0, 1.0), page, tolerance)

@@ -2,7 +2,7 @@
 
 # tests: tests/verification/test_check.py
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -78,8 +78,8 @@ class Verdict:
     motion : PlaneMotion or None
     used : array of int
         Indices of the found dots that belong to this copy.
-    names : tuple of int
-        Ids of these dots.
+    expected : DotSet
+        The marker's dots that these are.
     """
 
     largest: float
@@ -88,7 +88,7 @@ class Verdict:
     findings: tuple[Finding, ...]
     motion: PlaneMotion | None
     used: NDArray[np.intp]
-    names: tuple[int, ...] = ()
+    expected: DotSet
 
     @property
     def kinds(self) -> set[str]:
@@ -100,7 +100,7 @@ NOTHING = np.zeros(0, dtype=np.intp)
 
 
 def judge(
-    expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, *,
+    expected: DotSet, dots: DotSet, tolerance: float, *,
     upright: Callable[[], bool | None] | None = None, pixels: bool = False,
 ) -> Verdict:  # fmt: skip
     """Compare found dots with expected ones, aligned by the best rigid motion of the plane (no scale).
@@ -116,9 +116,10 @@ def judge(
         if len(dots):
             layout = f"{len(dots)} dots of about its sizes, of which {seen} are in its layout of {n}"
             finding = Finding("another marker", f"another marker: found {layout}")
-        return Verdict(np.nan, None, (np.nan, np.nan), (finding,), None, NOTHING)
-    here = np.flatnonzero(labels.indices >= 0)
-    source, matched = expected.centers[here], dots.take(labels.indices[here])
+        return Verdict(np.nan, None, (np.nan, np.nan), (finding,), None, NOTHING, expected.take(NOTHING))
+    here = expected.take(labels.indices >= 0)
+    used = labels.indices[labels.indices >= 0]
+    source, matched = here.centers, dots.take(used)
     agreed, scale, is_scaled = _explain(source, matched.centers, labels.mirror, tol)
     trusted = bool(agreed.any())
     agreed = agreed if trusted else np.ones_like(agreed)
@@ -127,7 +128,6 @@ def judge(
     off = motion.to_marker(matched.centers) - source
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))
-    names = [ids[k] for k in here]
     findings = [Finding("mirrored", "mirrored", MIRRORED)] if labels.mirror else []
     factor, bent = 1.0, BENT
     if is_scaled:
@@ -139,28 +139,25 @@ def judge(
     diameter = 2 * float(expected.radii.min())
     if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
         sentence = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
-        return Verdict(
-            distance[worst] / 1e3, names[worst], scale, (Finding("another marker", sentence),), None, NOTHING
-        )
-    if is_scaled and _resized(matched, expected.take(here), factor):
+        other = (Finding("another marker", sentence),)
+        return Verdict(distance[worst] / 1e3, here.names[worst], scale, other, None, NOTHING, expected.take(NOTHING))
+    if is_scaled and _resized(matched, here, factor):
         times = f"{factor:.4f}".rstrip("0")
         sentence = f"another marker: its dots are as large as this one's, but {times} times as far apart"
         findings.append(Finding("another marker", sentence))
-    findings += _off(names, off, apart, tol)
-    if missing := [ids[k] for k in np.flatnonzero(labels.indices < 0)]:
+    findings += _off(here.names, off, apart, tol)
+    if missing := expected.take(labels.indices < 0).names:
         findings.append(Finding("missing", f"{listed_ids(missing)} missing", AGAIN))
-    findings += _features(names, matched, expected.take(here), factor, bent, tol, DIAMETER[pixels])
-    return Verdict(
-        distance[worst] / 1e3, names[worst], scale, tuple(findings), motion, labels.indices[here], tuple(names)
-    )
+    findings += _features(matched, here, factor, bent, tol, DIAMETER[pixels])
+    return Verdict(distance[worst] / 1e3, here.names[worst], scale, tuple(findings), motion, used, here)
 
 
-def judge_copies(expected: DotSet, ids: list[int], dots: DotSet, tolerance: float, **traits: Any) -> list[Verdict]:
+def judge_copies(expected: DotSet, dots: DotSet, tolerance: float, **traits: Any) -> list[Verdict]:
     """Verdicts on all copies of the marker among dots, see `judge`; one at least."""
     verdicts: list[Verdict] = []
     left = np.arange(len(dots))
     while len(verdicts) < MOST_COPIES:
-        verdict = judge(expected, ids, dots.take(left), tolerance, **traits)
+        verdict = judge(expected, dots.take(left), tolerance, **traits)
         if not len(verdict.used):
             break
         verdict = replace(verdict, used=left[verdict.used])
@@ -291,7 +288,7 @@ def _resized(dots: DotSet, expected: DotSet, factor: float) -> bool:
     return abs(np.log(factor)) > 0.002 and abs(np.log(grown)) < abs(np.log(factor)) / 4
 
 
-def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding]:
+def _off(names: Sequence[int], off: Array, apart: Array, tol: float) -> list[Finding]:
     wrong = [k for k in np.argsort(-apart, kind="stable") if apart[k] > tol]
     sentences = [
         f"dot {names[k]} is {short_length(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
@@ -302,11 +299,9 @@ def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding
     return [Finding("shifted", sentence, AGAIN) for sentence in sentences]
 
 
-def _features(
-    names: list[int], dots: DotSet, expected: DotSet, factor: float, bent: float, tol: float, share: float
-) -> list[Finding]:
+def _features(dots: DotSet, expected: DotSet, factor: float, bent: float, tol: float, share: float) -> list[Finding]:
     """Findings about diameters, kinds, shapes, heights, and off-center circles of a dot."""
-    findings = []
+    names, findings = expected.names, []
     for k in np.flatnonzero(dots.rings != expected.rings)[:MOST_LISTED]:
         is_, not_ = ("a ring", "a dot") if dots.rings[k] else ("a dot", "a ring")
         findings.append(Finding("kind", f"dot {names[k]} is {is_}, not {not_}"))

@@ -86,16 +86,17 @@ def flat_findings(
             judged.append(verdict)
             continue
         motion, drawn = verdict.motion, verdict.motion._replace(factor=factor)
-        flaws = _on_layers(page, dots.take(verdict.used), verdict.names)
+        of_copy = replace(dots.take(verdict.used), names=verdict.expected.names)
+        flaws = _on_layers(page, of_copy)
         lines, wanted = _lines(kinds, page, drawn, expected_dots(marker), tol)
         flaws += lines
         if page.picture is not None:
             around = _around(marker, wanted, drawn, tol + 1.5 * page.picture.grain)
             others = np.delete(np.arange(len(dots)), verdict.used)
             crowd = np.column_stack([dots.centers[others], dots.radii[others]])
-            placed, names = _with_absent(dots.take(verdict.used), verdict.names, marker, drawn)
+            placed = _with_absent(of_copy, marker, drawn)
             appearance, remarks, absent = shown_findings(
-                placed, names, len(verdict.used), page.picture, motion, tol, np.concatenate([around, crowd])
+                placed, len(of_copy), page.picture, motion, tol, np.concatenate([around, crowd])
             )
             flaws += appearance
             notes.update(dict.fromkeys(remarks))
@@ -144,21 +145,20 @@ def _unclaimed(
     return page.engraved[strays(page.engraved, wanted)], of_tag[strays(of_tag, page.engraved)]
 
 
-def _with_absent(dots: DotSet, names: Sequence[int], marker: Marker, motion: PlaneMotion) -> tuple[DotSet, list[int]]:
-    """The dots of a copy with those that were not found, at their places on the page, and the ids of all."""
-    absent = np.flatnonzero(~np.isin(marker.ids, names))
-    expected = expected_dots(marker).take(absent)
+def _with_absent(dots: DotSet, marker: Marker, motion: PlaneMotion) -> DotSet:
+    """The dots of a copy with those that were not found, at their places on the page."""
+    expected = expected_dots(marker).take(~np.isin(marker.ids, dots.names))
     placed = replace(expected, centers=motion.to_page(expected.centers))
     columns = map(np.concatenate, zip(dots.columns, placed.columns, strict=True))
-    return DotSet(*columns), [*names, *marker.ids[absent].tolist()]
+    return DotSet(*columns, names=(*dots.names, *placed.names))
 
 
-def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
+def _on_layers(page: Page, dots: DotSet) -> list[Finding]:
     """Dots on a layer that makes something else of them."""
     if not page.layers:
         return []
     wrong: dict[str, list[int]] = {}
-    for k, name in enumerate(names):
+    for k, name in enumerate(dots.names):
         on = _layers_of(page, dots, k)
         if DOTS_ON not in on:
             wrong.setdefault(sorted(on)[0] if on else "", []).append(name)
@@ -291,7 +291,6 @@ PRINT_ALL = "export it again, and print the whole page with all layers"
 
 def shown_findings(
     dots: DotSet,
-    names: Sequence[int],
     count: int,
     picture: PagePicture,
     motion: PlaneMotion,
@@ -303,7 +302,7 @@ def shown_findings(
     The first `count` of the dots were found; the others are at the places where they should be. `around` (m, 3) has
     center and radius of everything else that may have ink in quiet zones, such as a tag. All is in mm.
     """
-    edge = tolerance + 1.5 * picture.grain
+    names, edge = dots.names, tolerance + 1.5 * picture.grain
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
     inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
     on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)

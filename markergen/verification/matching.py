@@ -48,6 +48,8 @@ class DotSet:
         Largest distance of the outlines of a dot from its circles.
     heights : array (m,)
         nan where the file has none.
+    names : tuple of int
+        Ids of a marker's dots; empty for those of a page.
     ordered : bool
         True if the dots are in the order in which they were written to the file.
     """
@@ -58,6 +60,7 @@ class DotSet:
     spread: Array
     rough: Array
     heights: Array
+    names: tuple[int, ...] = field(default=(), kw_only=True)
     ordered: bool = field(default=True, kw_only=True)
 
     def __len__(self) -> int:
@@ -75,14 +78,16 @@ class DotSet:
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "DotSet":
         """Select dots by mask or index."""
-        return DotSet(*(column[chosen] for column in self.columns), ordered=self.ordered)
+        names = tuple(np.array(self.names)[chosen].tolist()) if self.names else ()
+        return DotSet(*(column[chosen] for column in self.columns), names=names, ordered=self.ordered)
 
 
 def expected_dots(marker: Marker) -> DotSet:
     """Dots of the marker's control points."""
     inner = np.array([500 * point.feature.inner_diameter for point in marker.control_points])
     exact = np.zeros(len(marker))
-    return DotSet(1e3 * marker.xyz[:, :2], 1e3 * marker.radii, inner, exact, exact, 1e3 * marker.xyz[:, 2])
+    places, names = 1e3 * marker.xyz, tuple(marker.ids.tolist())
+    return DotSet(places[:, :2], 1e3 * marker.radii, inner, exact, exact, places[:, 2], names=names)
 
 
 def dots_on_page(page: Page, expected: DotSet) -> DotSet:

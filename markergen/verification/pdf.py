@@ -25,7 +25,16 @@ from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
 from markergen.verification.pdf_parser import CUT, FINEST
 from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
-from markergen.verification.reading import READERS, Page, Reading, Settings, circle_diameters, round_shape, sentences_of
+from markergen.verification.reading import (
+    READERS,
+    Page,
+    Reading,
+    Settings,
+    circle_diameters,
+    of_painted_again,
+    round_shape,
+)
+from markergen.verification.words import Finding
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
 
@@ -102,28 +111,27 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     pages = tuple(sheet.page for sheet in sheets)
     if any(sheet.is_tile for sheet in sheets):
         whole = [assembled(sheets, indices, circle_diameters(body)) for indices in markers_of(sheets)]
-        gaps = tuple(gap for _, gaps in whole for gap in gaps)
+        gaps = tuple(Finding("marks", gap) for _, gaps in whole for gap in gaps)
         papers = tuple(page.size for page in pages)
-        return Reading("PDF", tuple(page for page, _ in whole), papers=papers, gaps=gaps)
+        return Reading("PDF", tuple(page for page, _ in whole), papers=papers, findings=gaps)
     finest = max((values["image"] for values in reply.values["pages"]), default=0.0)
     expected = [expected_dots(plate.marker) for plate in body.plates]
     if finest and not any(len(dots_on_page(page, dots)) for page in pages for dots in expected):
         drawn = []
         for index, values in enumerate(reply.values["pages"]):
             grey = reply.arrays.get(f"picture{index}", np.zeros((0, 0), np.uint8))
-            upright = np.ascontiguousarray(np.rot90(grey, values["turn"]))
-            drawn.append(pixel_page(upright, values["shown"], body, name) if grey.size else Page(np.zeros((0, 4))))
+            drawn.append(pixel_page(grey, values["shown"], body, name) if grey.size else Page(np.zeros((0, 4))))
         tolerance = tolerance_of(min(finest, FINEST), ROUNDED)
         note = f"pictures of {25.4 * finest:.0f} dpi without paths: places are allowed {1e6 * tolerance:.0f} um"
         return Reading("PDF", tuple(drawn), tolerance, notes=(note,))
     again = [shape for values in reply.values["pages"] for shape in values["again"]]
-    return Reading("PDF", pages, twice=tuple(sentences_of(again, body)))
+    return Reading("PDF", pages, findings=of_painted_again(again, body))
 
 
 def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:
     width, height = values["size"]
     grey = arrays.get(f"picture{index}")
-    picture = PagePicture.of_page(grey, values["shown"], values["turn"]) if grey is not None and grey.size else None
+    picture = PagePicture.of_pixels(grey, values["shown"]) if grey is not None and grey.size else None
     lines, layer = arrays[f"lines{index}"], arrays[f"layer{index}"]
     page = Page(
         arrays[f"circles{index}"],

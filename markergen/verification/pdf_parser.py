@@ -128,7 +128,6 @@ class _Parser:
             {
                 "size": [(media[2] - media[0]) * MM_PER_POINT, (media[3] - media[1]) * MM_PER_POINT],
                 "shown": [MM_PER_POINT * side for side in box],
-                "turn": int(page.get_rotation()) // 90,
                 "trim": trims,
                 "image": self.finest,
                 "again": [] if tiled else painted_again(painted),
@@ -147,7 +146,7 @@ class _Parser:
             self.arrays[f"picture{index}"] = self._picture(page, box)
 
     def _picture(self, page: Any, box: list[float]) -> NDArray[np.uint8]:
-        """Grey levels of the part of a page that viewers show."""
+        """Grey levels of the part of a page that viewers show, as it is without their turn."""
         width, height = (MM_PER_POINT * (box[k + 2] - box[k]) for k in (0, 1))
         if not (min(width, height) > 0.1 and max(width, height) < 1e5):
             return np.zeros((0, 0), dtype=np.uint8)
@@ -157,7 +156,8 @@ class _Parser:
             return np.zeros((0, 0), dtype=np.uint8)
         # In print, layers and annotations show that may not on a screen, and the other way round.
         printed = page.render(scale=fine * MM_PER_POINT, grayscale=True, optimize_mode="print")
-        return np.ascontiguousarray(printed.to_numpy()[..., :]).squeeze()
+        # Viewers turn it clockwise.
+        return np.ascontiguousarray(np.rot90(printed.to_numpy().squeeze(), int(page.get_rotation()) // 90))
 
     def _objects(self, page: Any, outlines: "list[_Outline]") -> None:
         import pypdfium2.raw as pdfium

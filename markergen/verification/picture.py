@@ -45,34 +45,21 @@ class PagePicture:
     bilevel: bool = False
 
     @staticmethod
-    def of_pixels(grey: NDArray[np.uint8], matrix: Array, offset: Array) -> "PagePicture":
-        """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
+    def of_pixels(grey: NDArray[np.uint8], box: Sequence[float], measured: bool = False) -> "PagePicture":
+        """Picture of an image that fills a box (left, bottom, right, top) in mm."""
         size = np.array(grey.shape[::-1])
         inset = np.minimum(np.maximum((CORNER * size).astype(int), 1), size - 1)
         corners = [grey[y, x] for x in (inset[0], -inset[0] - 1) for y in (inset[1], -inset[1] - 1)]
-        grain = float(1 / np.sqrt(abs(np.linalg.det(matrix))))
+        left, bottom, right, top = box
+        scale = size / (right - left, bottom - top)
 
         def sample(points: Array) -> Array:
-            return _interpolated(grey, points @ matrix.T + offset)
+            # Pixel centers are at integers.
+            return _interpolated(grey, (points - (left, top)) * scale - 0.5)
 
         levels = np.count_nonzero(np.bincount(grey[:: max(len(grey) // 2000, 1)].ravel()))
-        return PagePicture(sample, grain, float(np.median(corners)), bilevel=levels == 2)
-
-    @staticmethod
-    def of_page(grey: NDArray[np.uint8], box: Sequence[float], quarter_turns: int) -> "PagePicture":
-        """Picture of the part (left, bottom, right, top) in mm of a page, which viewers turn clockwise."""
-        height, width = grey.shape
-        left, bottom, right, top = box
-        across, up = right - left, top - bottom
-        if quarter_turns % 2:
-            matrix = np.array([[0.0, width / up], [height / across, 0.0]])
-            offset = np.array([-bottom * width / up, -left * height / across])
-        else:
-            matrix = np.array([[width / across, 0.0], [0.0, -height / up]])
-            offset = np.array([-left * width / across, top * height / up])
-        if quarter_turns in (2, 3):
-            matrix, offset = -matrix, np.array([width, height]) - offset
-        return PagePicture.of_pixels(grey, matrix, offset - 0.5)
+        grain, paper = float(1 / np.sqrt(abs(scale.prod()))), float(np.median(corners))
+        return PagePicture(sample, grain, paper, measured=measured, bilevel=levels == 2)
 
     @staticmethod
     def of_tiles(tiles: Sequence[tuple["PagePicture | None", Array, Sequence[float]]]) -> "PagePicture":

@@ -237,7 +237,7 @@ def _compared(
 ) -> tuple[Check, list[Verdict]]:
     candidates_of_plates = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
     motion = _motion(plates, candidates_of_plates, tolerance)
-    if motion is None and not any(_wanted_on(plate, wanted)[1] for plate in plates):
+    if motion is None and not any(_wanted_on(plate, wanted)[0].names for plate in plates):
         return Check("", kind, findings=tuple(_of_whole(solid, wanted, tolerance)), notes=(SHEET,)), []
     if motion is None:
         return Check("", kind, findings=(NO_PLATE,)), []
@@ -264,7 +264,7 @@ def _compared(
         rise = (placed.points - placed.translation) @ placed.rotation[:, 2] - placed.wanted[:, 2]
         for n in np.flatnonzero(np.abs(rise) > 1e3 * tolerance)[:MOST_LISTED]:
             way = "high" if rise[n] > 0 else "low"
-            sentence = f"dot {placed.verdict.names[n]} is {short_length(abs(rise[n]))} too {way}"
+            sentence = f"dot {placed.verdict.expected.names[n]} is {short_length(abs(rise[n]))} too {way}"
             errors.append(Finding("height", sentence))
         findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in errors]
         if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
@@ -272,7 +272,7 @@ def _compared(
         rotation, translation = poses[k]
         off = np.linalg.norm(placed.points - placed.wanted @ rotation.T - translation, axis=-1)
         if off.max() > largest:
-            largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.names[int(np.argmax(off))]}"
+            largest, worst = float(off.max()), f"{plate.name}/{placed.verdict.expected.names[int(np.argmax(off))]}"
     if not findings:
         findings = _of_whole(solid.mapped(*inverse_pose(motion)), wanted, tolerance)
     verdicts = [placed.verdict for placed in chosen if placed]
@@ -294,7 +294,7 @@ def _of_whole(solid: Solid, wanted: WantedSolid, tolerance: float) -> list[Findi
     return [*findings, *somewhere("color", "the other color than it should be", compared.repainted, AGAIN)]
 
 
-def _wanted_on(plate: Plate, wanted: WantedSolid) -> tuple[DotSet, list[int], Array]:
+def _wanted_on(plate: Plate, wanted: WantedSolid) -> tuple[DotSet, Array]:
     """Rims of a plate's dots as `wanted_dots` has them, in the marker's frame."""
     to_plate = inverse_pose((plate.rotation_matrix, plate.translation_vector))
     return wanted_dots(plate.marker, wanted.rims.mapped(*to_plate))
@@ -304,8 +304,8 @@ def _placements(
     plate: Plate, rims: Rims, wanted: WantedSolid, plates: Sequence[Plate], tolerance: float
 ) -> list[PlateInFile]:
     """Find all places of a marker's layout among the rims of a file."""
-    expected, ids, sizes = _wanted_on(plate, wanted)
-    if not ids:
+    expected, sizes = _wanted_on(plate, wanted)
+    if not len(expected):
         return []
     ways = np.array([neighbor.rotation_matrix[:, 2] for neighbor in plates])
     placements = []
@@ -314,10 +314,8 @@ def _placements(
         seen = _open(dots_of(view := rims.mapped(rotation, np.zeros(3)), sizes), view)
         for dots in _layers(seen) if np.ptp(expected.heights) < LAYER else [seen]:
             # Heights are compared in the file.
-            verdicts = judge_copies(replace(expected, heights=np.full(len(expected), np.nan)), ids, dots, tolerance)
-            placements += [
-                _in_file(expected, ids, rotation, dots, verdict) for verdict in verdicts if len(verdict.used)
-            ]
+            verdicts = judge_copies(expected, replace(dots, heights=np.full(len(dots), np.nan)), tolerance)
+            placements += [_in_file(rotation, dots, verdict) for verdict in verdicts if len(verdict.used)]
     return placements
 
 
@@ -360,11 +358,10 @@ def _layers(dots: DotSet) -> list[DotSet]:
     return [dots.take(np.sort(rows)) for rows in np.split(order, cuts)]
 
 
-def _in_file(wanted: DotSet, ids: list[int], view: Array, dots: DotSet, verdict: Verdict) -> PlateInFile:
+def _in_file(view: Array, dots: DotSet, verdict: Verdict) -> PlateInFile:
     """Place a layout that was found in a view (3, 3) in the frame of the file."""
     assert verdict.motion is not None
-    indices = [ids.index(name) for name in verdict.names]
-    have, want = dots.heights[verdict.used], wanted.heights[indices]
+    have, want = dots.heights[verdict.used], verdict.expected.heights
     level = float(np.median(have - want))
     rotation, translation, _ = verdict.motion
     rotation_in_view = np.eye(3)
@@ -373,7 +370,7 @@ def _in_file(wanted: DotSet, ids: list[int], view: Array, dots: DotSet, verdict:
     points = np.column_stack([dots.centers[verdict.used], have]) @ view
     return PlateInFile(
         verdict, view.T @ rotation_in_view, view.T @ np.array([*translation, level]), points,
-        np.column_stack([wanted.centers[indices], want]),
+        np.column_stack([verdict.expected.centers, want]),
     )  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 # tests: tests/verification/test_check.py tests/verification/test_flat.py
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -104,7 +103,7 @@ def pixel_page(grey: Grey, box: Sequence[float], body: Body, name: str) -> Page:
     gap = min(_least_gap(plate.marker) for plate in body.plates)
     corner, size = np.array([box[0], box[3], 0.0, 0.0]), (box[2] - box[0], box[3] - box[1])
     scale = np.array(grey.shape[::-1]) / size
-    picture = replace(PagePicture.of_page(grey, box, 0), measured=True)
+    picture = PagePicture.of_pixels(grey, box, measured=True)
 
     def circles(wanted: Array | None) -> Array:
         measured = [_measure(grey, blob, dark, scale) for blob, dark in _blobs(grey, scale, wanted, gap)]

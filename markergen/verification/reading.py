@@ -2,8 +2,9 @@
 
 # tests: tests/verification/test_check.py
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from markergen.model.marker import Marker
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.result import Check
-from markergen.verification.words import MOST_LISTED
+from markergen.verification.words import MOST_LISTED, Finding
 
 PRINTABLE = 20e-6
 """Default tolerance in m: less than printers and cutters show, more than programs round when they save a file."""
@@ -122,10 +123,8 @@ class Reading:
         Default tolerance of the format, m.
     papers : tuple of (width, height)
         Sizes of the pages that were assembled into one, mm.
-    gaps : tuple of str
-        Errors in the fit between these pages.
-    twice : tuple of str
-        What would be made twice.
+    findings : tuple of Finding
+        What is wrong by itself: errors in the fit between these pages, and what would be made twice.
     alone : bool
         True if it can hold one marker, once.
     notes : tuple of str
@@ -136,8 +135,7 @@ class Reading:
     pages: tuple[Page, ...]
     tolerance: float = PRINTABLE
     papers: tuple[tuple[float, float] | None, ...] = ()
-    gaps: tuple[str, ...] = ()
-    twice: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     alone: bool = False
     notes: tuple[str, ...] = ()
 
@@ -255,15 +253,20 @@ def painted_again(shapes: Sequence[Painted]) -> list[tuple[float, float, float]]
     return [(*middles[j].tolist(), radius) for j, radius in sorted(again.items())]
 
 
-def sentences_of(again: Sequence[Sequence[float]], body: Body) -> list[str]:
-    """Sentences about what is painted again, in circles of the size of dots: a ground is larger."""
+def twice(sentences: Iterable[str]) -> tuple[Finding, ...]:
+    """Findings about what is there twice, and would be made twice."""
+    return tuple(Finding("twice", sentence, "remove one of both") for sentence in islice(sentences, MOST_LISTED))
+
+
+def of_painted_again(again: Sequence[Sequence[float]], body: Body) -> tuple[Finding, ...]:
+    """Findings about what is painted again, in circles of the size of dots: a ground is larger."""
     largest = max(circle_diameters(body))
-    return [
+    return twice(
         f"the shape around x {x:.4g}, y {y:.4g} mm of the page "
         + ("is there twice" if not radius else "is in a dot of its color")
         for x, y, radius in again
         if radius < largest
-    ][:MOST_LISTED]
+    )
 
 
 def circles_of(rows: list[Circle], name: str) -> Array:

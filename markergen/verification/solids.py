@@ -193,18 +193,19 @@ def _placed(plain: Check, ways: Iterable[Placement], wanted: WantedSolid, tolera
 
 def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
     marker = wanted.body.plates[0].marker.as_designed
-    expected, ids, sizes = wanted_dots(marker, wanted.rims)
-    tol = 1e3 * tolerance
+    expected, sizes = wanted_dots(marker, wanted.rims)
+    ids, tol = expected.names, 1e3 * tolerance
     dots = dots_of(solid.rims, sizes) if len(sizes) else expected
     if len(ids) > 2:
-        verdict = judge(expected, ids, dots, tolerance)
+        verdict = judge(expected, dots, tolerance)
     else:
-        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), PlaneMotion(np.eye(2), np.zeros(2)), NOTHING)
+        in_place, none = PlaneMotion(np.eye(2), np.zeros(2)), expected.take(NOTHING)
+        verdict = Verdict(np.nan, None, (np.nan, np.nan), (), in_place, NOTHING, none)
     base = Check("", "", len(verdict.used), int(bool(ids)), verdict.largest, verdict.worst, verdict.scale,
                  findings=verdict.findings)  # fmt: skip
     if verdict.motion is None or base.kinds & UNTAGGED:
         return base
-    aligned = _aligned(solid, verdict, expected.heights, dots.heights, ids)
+    aligned = _aligned(solid, verdict, dots.heights)
     compared = difference(aligned.shell, wanted.shell, tol + CHORDS)
     notes = [wanted.note] if wanted.note else []
     if not ids:
@@ -220,12 +221,12 @@ def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
     return replace(base, findings=tuple(findings), notes=tuple(dict.fromkeys(notes)))
 
 
-def _aligned(solid: Solid, verdict: Verdict, wanted: Array, seen: Array, ids: Sequence[int]) -> Solid:
+def _aligned(solid: Solid, verdict: Verdict, heights: Array) -> Solid:
     """The solid in the frame of the marker, at the height of its dots if all are off by the same."""
     assert verdict.motion is not None
     rise = 0.0
     if len(verdict.used):
-        off = seen[verdict.used] - wanted[[list(ids).index(name) for name in verdict.names]]
+        off = heights[verdict.used] - verdict.expected.heights
         rise = float(np.median(off)) if np.ptp(off) < 0.01 else 0.0
     rotation, translation = np.eye(3), np.zeros(3)
     rotation[:2, :2] = verdict.motion.rotation.T

@@ -32,9 +32,9 @@ from markergen.verification.reading import (
     Reading,
     Settings,
     circles_of,
+    of_painted_again,
     painted_again,
     round_shape,
-    sentences_of,
 )
 
 PATIENCE = 10
@@ -129,11 +129,11 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     page = Page(
         circles_of(circles, name), size, np.concatenate(corners), lines=np.concatenate(lines),
         cut=is_cut if is_cut.any() else None,
-        picture=PagePicture.of_page(grey, box.tolist(), 0) if np.isfinite(box).all() and grey.size else None,
+        picture=PagePicture.of_pixels(grey, box.tolist()) if np.isfinite(box).all() and grey.size else None,
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
     )  # fmt: skip
-    return Reading("SVG", (page,), twice=tuple(sentences_of(painted_again(painted), body)))
+    return Reading("SVG", (page,), findings=of_painted_again(painted_again(painted), body))
 
 
 def _paint_of(style: Style, filled: bool) -> str:

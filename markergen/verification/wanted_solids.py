@@ -190,8 +190,8 @@ def _choices(body: Body, asked: Fabrication) -> Iterator[Fabrication]:
                                   draft=asked.draft, engrave=asked.engrave)  # fmt: skip
 
 
-def wanted_dots(marker: Marker, rims: Rims) -> tuple[DotSet, list[int], Array]:
-    """Rims of a marker's dots, their ids, and their different radii, among rims in the marker's frame, mm."""
+def wanted_dots(marker: Marker, rims: Rims) -> tuple[DotSet, Array]:
+    """Rims of a marker's dots, with their ids, and their different radii, among rims in the marker's frame, mm."""
     places = 1e3 * marker.xyz[:, :2]
     up = rims.take(np.abs(rims.normals[:, 2]) > 1 - 1e-5)
     radii = []
@@ -202,7 +202,7 @@ def wanted_dots(marker: Marker, rims: Rims) -> tuple[DotSet, list[int], Array]:
             radii.append(up.radii[candidates[np.argmin(ratio)]])
     sizes = np.unique(np.round(radii, 6))
     if not len(sizes):
-        return dots_of(up, np.array([np.inf])).take(np.zeros(0, np.intp)), [], sizes
+        return dots_of(up, np.array([np.inf])).take(np.zeros(0, np.intp)), sizes
     dots = dots_of(up, sizes)
     away = np.linalg.norm(dots.centers[:, None] - places, axis=2)
     index, ids = [], []
@@ -210,7 +210,7 @@ def wanted_dots(marker: Marker, rims: Rims) -> tuple[DotSet, list[int], Array]:
         if len(dots) and away[:, k].min() < 1e-2:
             index.append(int(np.argmin(away[:, k])))
             ids.append(point.id)
-    return replace(dots.take(np.array(index, np.intp)), ordered=True), ids, sizes
+    return replace(dots.take(np.array(index, np.intp)), names=tuple(ids), ordered=True), sizes
 
 
 def volume_of(corners: Array) -> float:
