@@ -297,14 +297,21 @@ def merged(contour: Contour, off: float) -> Contour:
     # The midpoint of an arc that turns left lies to the right of its chord.
     middle = corner + chord / 2 + bulges[:, None] / 2 * np.stack([chord[:, 1], -chord[:, 0]], axis=-1)
     points = np.concatenate([corner, middle])
-    # Fit x^2 + y^2 = 2 a x + 2 b y + c, relative to the mean.
+    center, radius = fitted_sphere(points)
+    if np.max(np.abs(np.hypot(*(points - center).T) - radius)) > off:
+        return contour
+    return circle(radius, float(center[0]), float(center[1]), hole=bool(bulges[0] < 0))
+
+
+def fitted_sphere(points: Array) -> tuple[Array, float]:
+    """Center (d,) and radius of the circle or sphere through points (m, d), by least squares of |x|^2 = 2 c'x + const.
+
+    The coordinates are taken from the mean of the points.
+    """
     mean = points.mean(axis=0)
     about = points - mean
-    (a, b, c), *_ = np.linalg.lstsq(np.column_stack([2 * about, np.ones(len(about))]), np.sum(about**2, axis=1))
-    radius = sqrt(max(c + a**2 + b**2, 0.0))
-    if np.max(np.abs(np.hypot(*(about - (a, b)).T) - radius)) > off:
-        return contour
-    return circle(radius, float(mean[0] + a), float(mean[1] + b), hole=bool(bulges[0] < 0))
+    *center, rest = np.linalg.lstsq(np.column_stack([2 * about, np.ones(len(about))]), np.sum(about**2, axis=1))[0]
+    return mean + center, sqrt(max(float(rest + np.dot(center, center)), 0.0))
 
 
 def without_loops(contour: Contour, largest: float, longest: float) -> tuple[Contour, list[Point]]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markergen.arrays import Array, Indices, Mask
-from markergen.geometry.contour import Contour, area, backward, box, flattened, placed
+from markergen.arrays import Array, Mask
+from markergen.geometry.contour import Contour, area, backward, box, fitted_sphere, flattened, placed
+from markergen.geometry.region import nearest_places
 from markergen.model.marker import Marker
 from markergen.model.openings import Opening, openings
 from markergen.model.substrate import Hole
@@ -17,7 +18,7 @@ from markergen.verification.rays import counted
 from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Seek = Callable[[Array, Array], Array]
-"""Points of the file's lines (m, 2) nearest to points (m, 2) of a wanted line with normals (m, 2); nan for none."""
+"""Places (m, 2) of the file's lines nearest to points (m, 2) of a wanted line with normals (m, 2); nan for none."""
 
 EXACT = 5e-4
 """Maximum distance in mm of sampled points from the wanted line."""
@@ -27,9 +28,6 @@ NEAREST, FARTHEST = 1.5, 6.0
 
 SPACING, MOST_SAMPLES = 1.0, 2000
 """Distance in mm of points along a wanted line, and their maximum number."""
-
-STEP, CANDIDATES = 0.5, 6
-"""Distance in mm of points along a file's lines by which near lines are found, and how many near points are tried."""
 
 GAP = 0.02
 """Share of a line that may be missing without a word: ends of its pieces."""
@@ -107,27 +105,8 @@ def pieces_of(contours: Sequence[Contour]) -> Array:
 
 def seek_among(segments: Array) -> Seek:
     """Seek among straight pieces (k, 2, 2)."""
-    from scipy.spatial import cKDTree
-
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
-    if not len(segments):
-        return lambda points, normals: np.full_like(points, np.nan)  # noqa: ARG005
-    ways = segments[:, 1] - segments[:, 0]
-    places, of = _along(segments, STEP)
-    tree = cKDTree(places)
-
-    def seek(points: Array, normals: Array) -> Array:
-        del normals
-        count = min(CANDIDATES, len(of))
-        candidates = of[tree.query(points, k=count)[1].reshape(len(points), count)]
-        start, way = segments[candidates, 0], ways[candidates]
-        square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
-        place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
-        feet = start + place[..., None] * way
-        best = np.argmin(np.linalg.norm(feet - points[:, None], axis=-1), axis=1)
-        return np.asarray(feet[np.arange(len(points)), best])
-
-    return seek
+    return lambda points, normals: nearest_places(segments, points)  # noqa: ARG005
 
 
 def in_picture(sample: Callable[[Array], Array], grain: float) -> Seek:
@@ -211,9 +190,7 @@ def _compared(
 def _of_circle(whole: tuple[float, float, float], feet: Array, tolerance: float) -> list[str]:
     x, y, radius = whole
     offset = feet - [x, y]
-    rows = np.column_stack([2 * offset, np.ones(len(offset))])
-    (a, b, c), *_ = np.linalg.lstsq(rows, np.sum(offset**2, axis=1), rcond=None)
-    fitted = float(np.sqrt(max(c + a * a + b * b, 0.0)))
+    (a, b), fitted = fitted_sphere(offset)
     apart = float(np.hypot(a, b))
     rough = float(np.abs(np.hypot(*(offset - [a, b]).T) - fitted).max())
     if rough > tolerance:
@@ -239,18 +216,14 @@ def _of_shape(contour: Contour, points: Array, feet: Array, away: Array) -> list
     return [f"is up to {short_length(float(away[worst]))} off, {place}{size}"]
 
 
-def _along(segments: Array, spacing: float) -> tuple[Array, Indices]:
-    """Points (m, 2) along straight pieces (k, 2, 2), their ends among them, and the index of the piece of each."""
-    way = segments[:, 1] - segments[:, 0]
-    count = np.clip(np.ceil(np.linalg.norm(way, axis=1) / spacing), 1, MOST_SAMPLES).astype(int) + 1
-    of, number = counted(count)
-    return segments[of, 0] + (number / (count - 1)[of])[:, None] * way[of], of
-
-
 def strays(segments: Array, wanted: Array, misplaced: bool = False) -> Mask:
     """Tell which straight pieces (m, 2, 2) of lines leave all wanted ones (k, 2, 2), which may be misplaced."""
-    points, of = _along(segments, CLAIMED)
-    away = np.linalg.norm(seek_among(wanted)(points, points) - points, axis=1)
+    way = segments[:, 1] - segments[:, 0]
+    # Points along each piece, its ends among them.
+    count = np.clip(np.ceil(np.linalg.norm(way, axis=1) / CLAIMED), 1, MOST_SAMPLES).astype(int) + 1
+    of, number = counted(count)
+    points = segments[of, 0] + (number / (count - 1)[of])[:, None] * way[of]
+    away = np.linalg.norm(nearest_places(wanted, points) - points, axis=1)
     return np.bincount(of[~(away < (FARTHEST if misplaced else CLAIMED))], minlength=len(segments)) > 0
 
 

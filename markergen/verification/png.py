@@ -13,7 +13,7 @@ from markergen.drawing.paper import PAPERS, Paper
 from markergen.errors import InputError, reason_of
 from markergen.model.body import Body
 from markergen.model.marker import Marker
-from markergen.read.images import opened_image
+from markergen.read.images import decoded_levels, opened_image
 from markergen.read.videos import silent_opencv
 from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
@@ -36,9 +36,6 @@ Blob = tuple[tuple[int, int, int, int], bool]
 
 WITH_ALPHA = (4, 6)
 """Color types of a PNG with transparency."""
-
-GREY = 0
-"""Flag of OpenCV to decode as grey levels."""
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 600_000_000
@@ -150,26 +147,14 @@ def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
 
     try:
         with silent_opencv():
-            grey = _on_white(data) if data[25] in WITH_ALPHA else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
+            kind = cv2.IMREAD_UNCHANGED if data[25] in WITH_ALPHA else cv2.IMREAD_GRAYSCALE
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), kind)
+            grey = None if pixels is None else decoded_levels(pixels)
     except (cv2.error, MemoryError) as error:
         raise InputError(f"a PNG that can be decoded in {name}", reason_of(error), "export it again") from None
     if grey is None or grey.shape != shape:
         raise InputError(f"a PNG that can be decoded in {name}", "damaged pixels", "export it again")
-    return np.asarray(grey, dtype=np.uint8)
-
-
-def _on_white(data: bytes) -> Grey | None:
-    """Decode a PNG with transparency as it shows on white paper."""
-    import cv2
-
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.ndim != 3:
-        return None if pixels is None else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
-    largest = np.iinfo(pixels.dtype).max
-    opacity = pixels[..., -1].astype(np.float32) / largest
-    color = pixels[..., :-1]
-    grey = cv2.cvtColor(color, cv2.COLOR_BGR2GRAY) if color.shape[2] == 3 else color[..., 0]
-    return np.asarray(np.rint(255 * (opacity * (grey / np.float32(largest)) + 1 - opacity)), dtype=np.uint8)
+    return np.asarray(grey if grey.dtype == np.uint8 else np.rint(grey / 257), dtype=np.uint8)
 
 
 def _least_gap(marker: Marker) -> float:

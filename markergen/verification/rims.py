@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
+from markergen.geometry.contour import fitted_sphere
 from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
 
 SHARP = (1 + np.cos(np.radians(20.0)) ** 2) / 2
@@ -97,12 +98,10 @@ def rims_of(corners: Array) -> Rims:
     order = np.argsort(loops[start[sides]], kind="stable")
     cuts = np.flatnonzero(np.diff(loops[start[sides]][order])) + 1
     rows = []
-    reach = np.zeros(int(shells.max(initial=0)) + 1)
-    for axis in places.T:
-        low, high = np.full(len(reach), np.inf), np.full(len(reach), -np.inf)
-        np.minimum.at(low, shells, axis)
-        np.maximum.at(high, shells, axis)
-        reach = np.maximum(reach, high - low)
+    by_shell = np.argsort(shells, kind="stable")
+    starts = np.searchsorted(shells[by_shell], np.arange(shells.max() + 1))
+    low, high = (ends.reduceat(places[by_shell], starts) for ends in (np.minimum, np.maximum))
+    reach = (high - low).max(axis=1)
     for group in np.split(order, cuts):
         if len(group) < LEAST:
             continue
@@ -149,17 +148,14 @@ def _circle(points: Array) -> tuple[Array, Array, float] | None:
     _, sizes, axes = np.linalg.svd(offset, full_matrices=False)
     if len(points) < LEAST or not sizes[1] > 0.5 * sizes[0] or sizes[2] > 1e-3 * sizes[1]:
         return None
-    x, y = flat = axes[:2] @ offset.T
-    solved, *_ = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(len(x))]), x * x + y * y, rcond=None)
-    square = float(solved[2] + solved[:2] @ solved[:2])
-    radius = square**0.5 if square > 0 else 0.0
-    away = np.linalg.norm(flat.T - solved[:2], axis=1)
-    if not radius > 0 or np.abs(away - radius).max() > ROUND * radius:
+    flat = offset @ axes[:2].T
+    center, radius = fitted_sphere(flat)
+    if not radius > 0 or np.abs(np.linalg.norm(flat - center, axis=1) - radius).max() > ROUND * radius:
         return None
-    angles = np.sort(np.arctan2(*(flat.T - solved[:2]).T[::-1]))
+    angles = np.sort(np.arctan2(*(flat - center).T[::-1]))
     if np.diff(angles, append=angles[0] + 2 * np.pi).max() > WIDEST_GAP:
         return None
-    return middle + solved[:2] @ axes[:2], axes[2], radius
+    return middle + center @ axes[:2], axes[2], radius
 
 
 def dots_of(rims: Rims, sizes: Array) -> DotSet:

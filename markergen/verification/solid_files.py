@@ -60,7 +60,7 @@ class Solid:
     @cached_property
     def rims(self) -> Rims:
         """Round rims, of each object by itself."""
-        return joined([rims_of(mesh.corners) for mesh in self.objects])
+        return joined([rims_of(mesh.corners) for mesh in self.objects if len(mesh.corners)])
 
     def _dark(self) -> Mask | None:
         """Whether each triangle is dark, where those without a color are light; None if none has one."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.errors import InputError, OutputError
+from markergen.geometry.contour import fitted_sphere
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
@@ -337,9 +338,8 @@ class _Explained:
         radius, offset = 500 * point.feature.diameter, self.solid.shell.corners.reshape(-1, 3)
         offset = offset - 1e3 * np.array([point.x, point.y, point.z])
         offset = offset[np.abs(np.linalg.norm(offset, axis=1) - radius) < 0.1 * radius]
-        rows = np.column_stack([2 * offset, np.ones(len(offset))])
-        x, y, z, _ = np.linalg.lstsq(rows, np.sum(offset**2, axis=1), rcond=None)[0]
-        if not (off := float(np.hypot(np.hypot(x, y), z))) > self.tol:
+        x, y, z = fitted_sphere(offset)[0] if len(offset) else np.zeros(3)
+        if not (off := float(np.linalg.norm((x, y, z)))) > self.tol:
             return None
         sentence = f"dot {point.id} is {short_length(off)} off (x {1e3 * x:+.4g} um, y {1e3 * y:+.4g} um)"
         return Finding("shifted", sentence, AGAIN)
