@@ -81,29 +81,9 @@ class PagePicture:
 
 def _interpolated(grey: NDArray[np.uint8], places: Array) -> Array:
     """Grey levels between pixels; nan outside."""
-    import cv2
+    from scipy.ndimage import map_coordinates
 
+    inside = ((places > -0.5) & (places < np.array(grey.shape[::-1]) - 0.5)).all(axis=1)
     seen = np.full(len(places), np.nan)
-    size = np.array(grey.shape[::-1])
-    inside = ((places > -0.5) & (places < size - 0.5)).all(axis=1)
-    if not inside.any():
-        return seen
-    places = places[inside]
-    low = np.maximum(np.floor(places.min(axis=0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(places.max(axis=0)).astype(int) + 2, size)
-    # cv2.remap takes images and rows of points of up to 32767 pixels.
-    if (high - low).max() > 32000:
-        nearest = np.clip(np.rint(places).astype(int), 0, size - 1)
-        seen[inside] = grey[nearest[:, 1], nearest[:, 0]]
-        return seen
-    window = grey[low[1] : high[1], low[0] : high[0]]
-    x, y = (places - low).astype(np.float32).T
-    # In rows, so that any number of points fits.
-    count = -(-len(x) // 1024) * 1024
-    x, y = (np.resize(coordinates, count).reshape(-1, 1024) for coordinates in (x, y))
-    levels = [
-        cv2.remap(window, x[k : k + 16000], y[k : k + 16000], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for k in range(0, len(x), 16000)
-    ]
-    seen[inside] = np.concatenate(levels).ravel()[: inside.sum()]
+    seen[inside] = map_coordinates(grey, places[inside, ::-1].T, float, order=1, mode="nearest")
     return seen

@@ -253,10 +253,8 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
     _, parts = cv2.connectedComponents((covered > 0.5).astype(np.uint8), connectivity=4)
     blob = (parts == parts[inside][0]).astype(np.uint8)
     covered[cv2.dilate(blob, np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)) == 0] = 0
-    area = float(covered.sum(dtype=float))
-    across, down = covered.sum(axis=0, dtype=float), covered.sum(axis=1, dtype=float)
-    mx, my = float(across @ x) / area, float(down @ y) / area
-    xx, yy = float(across @ (x - mx) ** 2) / area, float(down @ (y - my) ** 2) / area
-    xy = float((y - my) @ covered.astype(float) @ (x - mx)) / area
+    sums = cv2.moments(covered)
+    area = sums["m00"]
+    spread = np.array([[sums["mu20"], sums["mu11"]], [sums["mu11"], sums["mu02"]]]) / area
     # A pixel is a square, not a point.
-    return area, center + [mx, my], np.array([[xx, xy], [xy, yy]]) + np.eye(2) / 12
+    return area, low + np.array([sums["m10"], sums["m01"]]) / area, spread + np.eye(2) / 12
