@@ -235,7 +235,7 @@ def _several(body: Body, reading: Reading, tolerance: float) -> Check:
         page = replace(reading.pages[number], labels=labels[k])
         for dots in neighbors:
             # With others, not all that is to be cut is the plate's.
-            page = replace(page, circles=page.circles[~_in_dots(page.circles[:, :2], dots)], cut=None)
+            page = replace(page, circles=page.circles[~_in_dots(page.circles[:, :2], dots)], are_cut=False)
         check = checks[plate.name] = best_check(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
         # In a net the outlines are folds, in dashes.
         judged = [finding for finding in check.findings if not neighbors or finding.kind != "outline"]

@@ -50,13 +50,12 @@ def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             shapes.unread[f"the layout {brief(layout.name)} in paper space"] = None
     hidden = [*shapes.hidden, *(["a block is hidden"] if "hidden shapes" in reader.others else [])]
     corners = np.concatenate([np.zeros((0, 2)), *shapes.corners])
-    used = {CUT} & {*reader.layers, *(str(layer.dxf.name) for layer in document.layers)}
     page = Page(
         circles_of([(x, y, radius, away) for _, x, y, radius, away in shapes.circles], name),
         None,
         corners[np.isfinite(corners).all(axis=-1)],
         lines=np.concatenate([np.zeros((0, 2, 2)), *shapes.lines[CUT]]),
-        cut=np.ones(sum(map(len, shapes.lines[CUT])), dtype=np.bool_) if used else None,
+        are_cut=CUT in {*reader.layers, *(str(layer.dxf.name) for layer in document.layers)},
         layers=tuple(layer for layer, *_ in shapes.circles),
         hidden=tuple(sorted(hidden)),
         unread=tuple((label, np.full((4, 2), np.nan)) for label in shapes.unread),

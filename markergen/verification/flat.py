@@ -74,7 +74,7 @@ def flat_findings(
     """
     judged, notes = [], dict[str, None]()
     tol = 1e3 * tolerance
-    to_cut = np.zeros((0, 2, 2)) if page.cut is None or page.lines is None else page.lines[page.cut]
+    to_cut = page.lines if page.are_cut and page.lines is not None else np.zeros((0, 2, 2))
     strange = to_cut[:0]
     kinds = [sheet_lines(marker)]
     if page.layers:
@@ -221,8 +221,7 @@ def _lines(
             sentence = "the outline reaches beyond the visible page: the page is cropped"
             return [Finding("hidden", sentence, "print or save the whole page")], kinds[0]
     if page.lines is not None:
-        lines = page.lines if page.cut is None else page.lines[page.cut]
-        seek, allowed, outliers = seek_among(motion.to_marker(lines)), tol, 0.0
+        seek, allowed, outliers = seek_among(motion.to_marker(page.lines)), tol, 0.0
     elif page.picture is None or page.picture.grain > COARSEST or page.picture.bilevel:
         return [], kinds[0]
     else:

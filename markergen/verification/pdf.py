@@ -22,7 +22,7 @@ from markergen.geometry.region import Region
 from markergen.guard import Content, in_child
 from markergen.model.body import Body
 from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
-from markergen.verification.pdf_parser import CUT, FINEST
+from markergen.verification.pdf_parser import FINEST
 from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
 from markergen.verification.reading import (
@@ -106,8 +106,8 @@ def read_fabrication_sheet(data: bytes, name: str, body: Body, settings: Setting
 def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:  # noqa: ARG001
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
     reply = in_child(PARSER, "parse_pdf", Content(name, data), "PDF", f"a complete PDF in {name}")
-    layers = reply.values["layers"]
-    sheets = [_sheet(values, reply.arrays, index, layers) for index, values in enumerate(reply.values["pages"])]
+    are_cut = any(reply.arrays[f"cut{index}"].any() for index in range(len(reply.values["pages"])))
+    sheets = [_sheet(values, reply.arrays, index, are_cut) for index, values in enumerate(reply.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if any(sheet.is_tile for sheet in sheets):
         whole = [assembled(sheets, indices, circle_diameters(body)) for indices in markers_of(sheets)]
@@ -128,18 +128,18 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     return Reading("PDF", pages, findings=of_painted_again(again, body))
 
 
-def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:
+def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, are_cut: bool) -> TilePage:
     width, height = values["size"]
     grey = arrays.get(f"picture{index}")
     picture = PagePicture.of_pixels(grey, values["shown"]) if grey is not None and grey.size else None
-    lines, layer = arrays[f"lines{index}"], arrays[f"layer{index}"]
+    lines = arrays[f"lines{index}"]
     page = Page(
         arrays[f"circles{index}"],
         (width, height),
         arrays[f"corners{index}"],
         picture=picture,
-        lines=lines,
-        cut=layer == layers.index(CUT) if CUT in layers else None,
+        lines=lines[arrays[f"cut{index}"]] if are_cut else lines,
+        are_cut=are_cut,
     )
     left, bottom, right, top = values["trim"]
     arcs = np.split(arrays[f"arcs{index}"], arrays[f"arc_ends{index}"][:-1]) if len(arrays[f"arcs{index}"]) else []
@@ -186,8 +186,6 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
             gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
         tiles[row, column] = index, sheet, shift
     placed = [(sheet, shift) for _, sheet, shift in tiles.values()]
-    # All or none have some.
-    cuts = [sheet.page.cut for sheet, _ in placed if sheet.page.cut is not None]
     page = Page(
         np.concatenate(
             [*(sheet.page.circles + [*shift, 0.0, 0.0] for sheet, shift in placed), _joined(placed, diameters)]
@@ -196,7 +194,7 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
         np.concatenate([sheet.page.corners + shift for sheet, shift in placed]),
         picture=PagePicture.of_tiles([(sheet.page.picture, shift, sheet.kept) for sheet, shift in placed]),
         lines=np.concatenate([sheet.page.lines + shift for sheet, shift in placed if sheet.page.lines is not None]),
-        cut=np.concatenate(cuts) if any(map(np.any, cuts)) else None,
+        are_cut=placed[0][0].page.are_cut,
     )
     return page, gaps
 

@@ -83,7 +83,7 @@ def parse_pdf(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         raise InputError("readable pages", reason_of(error), "export it again") from None
     finally:
         document.close()
-    return {"pages": parser.pages, "layers": parser.layers}, parser.arrays
+    return {"pages": parser.pages}, parser.arrays
 
 
 def _object_streams(data: bytes) -> Iterator[bytes]:
@@ -99,7 +99,6 @@ def _object_streams(data: bytes) -> Iterator[bytes]:
 class _Parser:
     pixels: int
     pages: list[dict[str, Any]] = field(default_factory=list)
-    layers: list[str] = field(default_factory=lambda: [""])
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     finest: float = 0.0
     paths: int = 0
@@ -122,8 +121,8 @@ class _Parser:
         rest = [np.zeros((0, 2)), *(shape.points for shape in painted if shape.circle is None)]
         corners = np.concatenate(rest)
         arcs = [points for points in rest if tiled and len(points) >= LEAST_ARC and np.isfinite(points).all()]
-        drawn = [outline for outline in outlines if outline.stroked or self.layers[outline.layer] == CUT]
-        lines, layers = [outline.lines for outline in drawn], [outline.layer for outline in drawn]
+        drawn = [outline for outline in outlines if outline.stroked or outline.layer == CUT]
+        lines = [outline.lines for outline in drawn]
         self.pages.append(
             {
                 "size": [(media[2] - media[0]) * MM_PER_POINT, (media[3] - media[1]) * MM_PER_POINT],
@@ -137,7 +136,9 @@ class _Parser:
             f"circles{index}": circles_of([shape.circle for shape in painted if shape.circle], "the PDF"),
             f"corners{index}": corners[np.isfinite(corners).all(axis=1)],
             f"lines{index}": np.concatenate([np.zeros((0, 2, 2)), *lines]),
-            f"layer{index}": np.repeat(np.array(layers, dtype=np.int64), [len(pieces) for pieces in lines]),
+            f"cut{index}": np.repeat(
+                np.array([outline.layer == CUT for outline in drawn], dtype=bool), [len(pieces) for pieces in lines]
+            ),
             f"crosses{index}": _crosses([outline.points for outline in outlines if not outline.filled]),
             f"arcs{index}": np.concatenate(arcs) if arcs else np.zeros((0, 2)),
             f"arc_ends{index}": np.cumsum([len(arc) for arc in arcs], dtype=np.int64),
@@ -162,7 +163,7 @@ class _Parser:
     def _objects(self, page: Any, outlines: "list[_Outline]") -> None:
         import pypdfium2.raw as pdfium
 
-        def objects(holder: Any, count: int, get: Any, matrix: Array, depth: int, layer: int) -> None:
+        def objects(holder: Any, count: int, get: Any, matrix: Array, depth: int, layer: str) -> None:
             if depth > DEEPEST:
                 raise InputError(f"at most {DEEPEST} levels of forms", "more", "save it again without layers")
             for index in range(count):
@@ -187,15 +188,15 @@ class _Parser:
                     get_inner = pdfium.FPDFFormObj_GetObject
                     objects(item, inner, get_inner, here, depth + 1, self._layer(item) or layer)
 
-        objects(page, pdfium.FPDFPage_CountObjects(page), pdfium.FPDFPage_GetObject, np.eye(3), 0, 0)
+        objects(page, pdfium.FPDFPage_CountObjects(page), pdfium.FPDFPage_GetObject, np.eye(3), 0, "")
 
     def _spend(self, count: int) -> None:
         self.budget -= count
         if self.budget < 0:
             raise InputError(f"at most {MOST_SEGMENTS} lines and curves", "more", "verify a smaller file")
 
-    def _layer(self, item: Any) -> int:
-        """Index of the layer that an object is on; 0 for none."""
+    def _layer(self, item: Any) -> str:
+        """Name of the layer that an object is on; empty for none."""
         import pypdfium2.raw as pdfium
 
         text, length = ctypes.create_string_buffer(256), ctypes.c_ulong()
@@ -207,20 +208,17 @@ class _Parser:
             if text.raw[: length.value].decode("utf-16le", "replace").rstrip("\0") != "OC":
                 continue
             if pdfium.FPDFPageObjMark_GetParamStringValue(mark, b"Name", place, 256, length) and length.value <= 256:
-                name = text.raw[: length.value].decode("utf-16le", "replace").rstrip("\0")
-                if name not in self.layers and len(self.layers) < 100:
-                    self.layers.append(name)
-                return self.layers.index(name) if name in self.layers else 0
-        return 0
+                return text.raw[: length.value].decode("utf-16le", "replace").rstrip("\0")
+        return ""
 
-    def _outlines(self, item: Any, matrix: Array, layer: int) -> "Iterator[_Outline]":
+    def _outlines(self, item: Any, matrix: Array, layer: str) -> "Iterator[_Outline]":
         """The parts of a path, from one place to which the pen moves to the next, with curves as points on them."""
         import pypdfium2.raw as pdfium
 
         mode, stroke, x, y = ctypes.c_int(), pdfium.FPDF_BOOL(), ctypes.c_float(), ctypes.c_float()
         if not pdfium.FPDFPath_GetDrawMode(item, mode, stroke):
             return
-        is_read = bool(stroke.value) or self.layers[layer] != TEXT
+        is_read = bool(stroke.value) or layer != TEXT
         count = max(pdfium.FPDFPath_CountSegments(item), 0) if is_read else 0
         self._spend(count)
         self.paths += 1
@@ -267,13 +265,13 @@ class _Parser:
 
 @dataclass(frozen=True, eq=False)
 class _Outline:
-    """Part of a path: points (m, 2) in mm, how it is painted, the index of its layer, number and color of the path."""
+    """Part of a path: points (m, 2) in mm, how it is painted, its layer, number and color of the path."""
 
     points: Array
     filled: bool
     stroked: bool
     closed: bool
-    layer: int
+    layer: str
     path: int
     paint: int
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.maths.rotation import inverse_pose, pose_product, rigid_motion
+from markergen.maths.rotation import inverse_pose, pose_product, rigid_motion, skew
 from markergen.model.body import Body, Plate
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
 from markergen.verification.matching import ALIKE, DotSet
@@ -122,12 +122,10 @@ def _widest(corners: Array) -> list[Array]:
 
 def rotation_up(direction: Array) -> Array:
     """Rotation (3, 3) by the smallest angle that turns a unit vector (3,) up; over the x-axis if it points down."""
-    x, y, z = direction
-    if z < -1 + 1e-9:
+    if direction[2] < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
-    return np.array(
-        [[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]]
-    )
+    cross = skew(np.cross(direction, [0.0, 0.0, 1.0]))
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + direction[2]))
 
 
 def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placement]:

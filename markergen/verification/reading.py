@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.drawing.scene import Shape
@@ -68,8 +67,8 @@ class Page:
         What shows of the page.
     lines : array (k, 2, 2) or None
         Thin lines as straight pieces, mm, without those beyond `FARTHEST`; None if the format has none of its own.
-    cut : array (k,) of bool or None
-        Which of these lines are to be cut; None if the file does not say.
+    are_cut : bool
+        True if the file says which lines are to be cut, and these are all of them.
     layers : tuple of str
         Layer of each circle, in formats whose layers say how things are made.
     hidden : tuple of str
@@ -89,7 +88,7 @@ class Page:
     upright: Callable[[], bool | None] | None = None
     picture: PagePicture | None = None
     lines: Array | None = None
-    cut: NDArray[np.bool_] | None = None
+    are_cut: bool = False
     layers: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     unread: tuple[tuple[str, Array], ...] = ()
@@ -102,12 +101,9 @@ class Page:
         return self.picture is not None and self.picture.measured
 
     def __post_init__(self) -> None:
-        if self.lines is None:
-            return
-        good = (np.abs(self.lines) < FARTHEST).all(axis=(1, 2))
-        if not good.all():
-            object.__setattr__(self, "lines", self.lines[good])
-            object.__setattr__(self, "cut", None if self.cut is None else self.cut[good])
+        if self.lines is not None:
+            near = (np.abs(self.lines) < FARTHEST).all(axis=(1, 2))
+            object.__setattr__(self, "lines", self.lines[near])
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import (
     READERS,
+    Circle,
     Page,
     Painted,
     Reading,
@@ -94,8 +95,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             raise InputError(f"a width and height in mm, cm or in of {name}", f"a width of {width}", remedy)
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
-        circles, corners, lines, cut, rough = [], [np.zeros((0, 2))], [np.zeros((0, 2, 2))], [], 0
-        painted = list[Painted]()
+        circles, corners, painted, rough = list[Circle](), [np.zeros((0, 2))], list[Painted](), 0
+        lines: dict[bool, list[Array]] = {True: [], False: [np.zeros((0, 2, 2))]}
         for piece in drawing.pieces:
             assert piece.look is not None
             filled = is_filled(piece.look.style)
@@ -104,8 +105,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 points = np.concatenate([curve.flatten(OFF / scale) for curve in piece.curves]) * factor
                 ends = np.concatenate([points[1:], points[:1]])
                 pieces = np.stack([points, ends], axis=1)
-                lines.append(pieces if piece.closed else pieces[:-1])
-                cut += [on_cut] * len(lines[-1])
+                lines[on_cut].append(pieces if piece.closed else pieces[:-1])
             points = np.concatenate([curve.sketch() for curve in piece.curves]) * factor
             sides = np.ptp(points, axis=0)
             circle = None
@@ -118,17 +118,16 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
                 circle = round_shape(points)
             # Pieces of one shape have the same look.
             painted.append(Painted(points, id(piece.look), _paint_of(piece.look.style, filled), circle))
-            if circle and (filled or not any(cut[-1:])):
+            if circle and (filled or not on_cut):
                 circles.append(circle)
             elif len(points) >= 3:
                 corners.append(points[np.isfinite(points).all(axis=1)])
     root = parse_svg(file)
     size = _size(root.get("width"), root.get("height"))
     box = _drawn(root.get("viewBox"), size, scale)
-    is_cut = np.array(cut, dtype=np.bool_)
     page = Page(
-        circles_of(circles, name), size, np.concatenate(corners), lines=np.concatenate(lines),
-        cut=is_cut if is_cut.any() else None,
+        circles_of(circles, name), size, np.concatenate(corners),
+        lines=np.concatenate(lines[True] or lines[False]), are_cut=bool(lines[True]),
         picture=PagePicture.of_pixels(grey, box.tolist()) if np.isfinite(box).all() and grey.size else None,
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
         unread=tuple((label, corners * factor) for label, corners in drawing.unread),
