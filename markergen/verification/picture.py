@@ -85,5 +85,6 @@ def _interpolated(grey: NDArray[np.uint8], places: Array) -> Array:
 
     inside = ((places > -0.5) & (places < np.array(grey.shape[::-1]) - 0.5)).all(axis=1)
     seen = np.full(len(places), np.nan)
-    seen[inside] = map_coordinates(grey, places[inside, ::-1].T, float, order=1, mode="nearest")
+    # Rounded, so that between white pixels it is white.
+    seen[inside] = map_coordinates(grey, places[inside, ::-1].T, float, order=1, mode="nearest").round(6)
     return seen
