@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.arrays import Array, Mask
+from markergen.arrays import Array, Indices, Mask
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.errors import InputError
 from markergen.model.marker import Marker
@@ -301,7 +301,7 @@ def shown_findings(
     The first `count` of the dots were found; the others are at the places where they should be. `around` (m, 3) has
     center and radius of everything else that may have ink in quiet zones, such as a tag. All is in mm.
     """
-    names, edge = dots.names, tolerance + 1.5 * picture.grain
+    names, edge = np.array(dots.names), tolerance + 1.5 * picture.grain
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
     inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
     on, off = _spread(dots.centers, inner, outer), _spread(dots.centers, dots.radii + edge, 2 * dots.radii)
@@ -310,11 +310,12 @@ def shown_findings(
     covered_most = COVERED[picture.measured]
     hidden = np.isnan(ink).mean(axis=1) > COVERED[True]
     findings = []
-    if cut_off := [name for name, is_ in zip(names, hidden, strict=True) if is_]:
-        sentence = f"{listed_ids(cut_off)} outside the visible page: the page is cropped"
+    if hidden.any():
+        sentence = f"{listed_ids(names[hidden])} outside the visible page: the page is cropped"
         findings.append(Finding("hidden", sentence, PRINT_ALL))
     # There may be a fine cross in the middle of the marker.
-    ink[(np.abs(motion.to_marker(on)) < CROSS).any(axis=2)] = np.nan
+    for seen, sites in ((ink, on), (middle, hole)):
+        seen[(np.abs(motion.to_marker(sites)) < CROSS).any(axis=2)] = np.nan
     crowd = np.concatenate([np.column_stack([dots.centers, dots.radii + edge]), around])
     for k in range(len(dots)):
         others = np.delete(crowd, k, axis=0)
@@ -332,24 +333,24 @@ def shown_findings(
     visible = np.flatnonzero(~hidden & (is_found | (np.abs(ground - level) >= UNSEEN)))
     unexplained = ~is_found & ~hidden
     if not len(visible):
-        return findings, [], [name for name, is_ in zip(names, unexplained, strict=True) if is_]
+        return findings, [], names[unexplained].tolist()
     ground, level = ground[visible], level[visible]
-    contrast_findings, notes, good = _contrasts(ground - level, [names[k] for k in visible.tolist()], picture)
+    contrast_findings, notes, good = _contrasts(ground - level, names[visible], picture)
     unexplained[visible[np.abs(ground - level) < ALIKE * np.abs(ground - level).max()]] = False
     findings += contrast_findings
     filled = WHITE - picture.paper > TINT and not picture.measured
     if filled and not any(finding.kind == "inverted" for finding in contrast_findings):
         sentence = f"the page is filled: its paper has the grey level {picture.paper:.0f} of 255"
         findings.append(Finding("extra", sentence, "remove what is drawn over the whole page"))
-    middle[(np.abs(motion.to_marker(hole)) < CROSS).any(axis=2)] = np.nan
     for place in np.flatnonzero(good):
         k, levels = int(visible[place]), (float(level[place]), float(ground[place]))
         if not picture.whole and is_found[k]:
             continue
+        is_round = is_found[k] and dots.rough[k] <= tolerance + BENT * dots.radii[k]
         stroked = (
-            []
-            if picture.measured or not is_found[k] or dots.rough[k] > tolerance + BENT * dots.radii[k]
-            else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+            _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+            if is_round and not picture.measured
+            else []
         )
         most = STROKE if stroked else covered_most
         if dots.inner[k] > 0 and (np.abs(np.nan_to_num(middle[k] - ground[place])) > UNSEEN).mean() > covered_most:
@@ -358,8 +359,7 @@ def shown_findings(
         covered = any(finding.kind == "covered" for finding in more)
         findings += more if covered else stroked or more
         unexplained[k] &= not covered
-    absent = [name for name, is_ in zip(names, unexplained & ~is_found, strict=True) if is_]
-    return findings[: 2 * MOST_LISTED], notes, absent
+    return findings[: 2 * MOST_LISTED], notes, names[unexplained].tolist()
 
 
 def _spread(centers: Array, low: Array, high: Array) -> Array:
@@ -375,21 +375,20 @@ def _median(values: Array) -> float:
     return float(np.median(kept)) if len(kept) else np.nan
 
 
-def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:
+def _contrasts(contrast: Array, names: Indices, picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:
     """Findings about dots that do not show, are pale, or inverted; notes; and a mask of the others."""
     strength = np.abs(contrast)
     unseen = strength < UNSEEN
-    lost = [name for name, gone in zip(names, unseen, strict=True) if gone]
-    if unseen.all() and len(lost) > 1:
+    if unseen.all() and len(names) > 1:
         sentence = "no dot shows: their layer is switched off, or they are white or covered"
         return [Finding("hidden", sentence, "switch the layer dots on")], [], ~unseen
     findings = []
-    if lost:
-        sentence = f"{listed_ids(lost)} invisible: white, covered, or on a layer that is switched off"
+    if unseen.any():
+        sentence = f"{listed_ids(names[unseen])} invisible: white, covered, or on a layer that is switched off"
         findings.append(Finding("pale", sentence, "make it black, and remove what covers it"))
     usual = float(np.median(strength[~unseen])) if (~unseen).any() else 0.0
     pale = ~unseen & (strength < ALIKE * strength.max())
-    for name, share in zip(np.array(names)[pale], strength[pale] / strength.max(), strict=True):
+    for name, share in zip(names[pale], strength[pale] / strength.max(), strict=True):
         sentence = f"dot {name} is grey: {100 * share:.0f} % as dark as the darkest dot"
         findings.append(Finding("pale", sentence, "give all dots the same ink"))
     if usual < LEAST_CONTRAST and (~unseen).any():
@@ -405,8 +404,8 @@ def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple
             remedy = "invert it back, or export it with --colors inverted if light dots are meant"
             findings.append(Finding("inverted", "light and dark are swapped: even the paper is dark", remedy))
     elif light.any():
-        sentence = f"{listed_ids([name for name, is_ in zip(names, light, strict=True) if is_])} light on a dark ground"
-        findings.append(Finding("inverted", f"{sentence}, unlike the others", "export it again"))
+        sentence = f"{listed_ids(names[light])} light on a dark ground, unlike the others"
+        findings.append(Finding("inverted", sentence, "export it again"))
     return findings, notes, ~unseen & ~light if not light.all() else ~unseen
 
 
