@@ -42,13 +42,10 @@ class Solid:
     objects : tuple of MeshObject
     flaws : tuple of str
         What is wrong with these by themselves.
-    volumes : tuple of float
-        Of CAD files, mm^3.
     """
 
     objects: tuple[MeshObject, ...]
     flaws: tuple[str, ...] = ()
-    volumes: tuple[float, ...] = ()
 
     @cached_property
     def shell(self) -> Shell:
@@ -83,13 +80,17 @@ class Solid:
         return Solid(tuple(objects))
 
 
+CAD = ("STEP", "BREP")
+"""Kinds of files of surfaces, whose edges the kernel has looked at."""
+
+
 def read_solid(kind: str, data: bytes, name: str) -> Solid:
     """Read the triangles of an STL, the objects in the build of a 3MF, the meshes in the scene of a GLB, or CAD parts.
 
     Raises InputError if it is not a complete one, or has too many triangles or corners that are not finite or lie
     beyond 10 km; MissingLibraryError if it is a CAD file, and the CAD kernel or one of its libraries is missing.
     """
-    if kind in ("STEP", "BREP"):
+    if kind in CAD:
         reply = _cad(kind, data, name)
     else:
         start_child(MESH_PARSER, "mesh")
@@ -114,8 +115,7 @@ def read_solid(kind: str, data: bytes, name: str) -> Solid:
         )
     if not all((np.abs(mesh.corners) < 1e7).all() for mesh in objects):
         raise InputError(f"corners within 10 km in {name}", "numbers beyond that or not finite", "export it again")
-    volumes = tuple(mesh["volume"] for mesh in values["objects"] if "volume" in mesh)
-    return Solid(tuple(objects), tuple(values["flaws"]), volumes)
+    return Solid(tuple(objects), tuple(values["flaws"]))
 
 
 def _cad(kind: str, data: bytes, name: str) -> Reply:

@@ -27,7 +27,7 @@ from markergen.verification.rays import CHORDS, Difference, difference, normals_
 from markergen.verification.reading import PRINTABLE, READERS, Settings, with_markers
 from markergen.verification.result import Check, is_strange
 from markergen.verification.rims import FLUSH, dots_of
-from markergen.verification.solid_files import Solid, open_edges, read_solid
+from markergen.verification.solid_files import CAD, Solid, open_edges, read_solid
 from markergen.verification.tags import NEAR as NEAR_CELL
 from markergen.verification.tags import corners_off, not_there
 from markergen.verification.wanted_solids import (
@@ -97,7 +97,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
     if (other := next(thicker, None)) is not None:
         with suppress(InputError, OutputError):
             choices = [best(_on_plate(body, {"thickness": other}))[0], *choices]
-    if not solid.volumes and any(open_edges(mesh.corners) for mesh in solid.objects):
+    if kind not in CAD and any(open_edges(mesh.corners) for mesh in solid.objects):
         flaws.append("the mesh has open edges: it encloses no volume")
     checks, several = list[tuple[Check, WantedSolid]](), body.frame != "marker"
     for wanted in choices:
@@ -153,7 +153,7 @@ def _once(solid: Solid) -> Solid:
         objects.append(mesh._replace(corners=mesh.corners[kept], paints=paints))
     if not count:
         return solid
-    return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"), solid.volumes)
+    return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"))
 
 
 def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, Any]]:

@@ -46,7 +46,7 @@ def brep(data: bytes) -> Reply:
 
 
 def _reply(parts: list[Part]) -> Reply:
-    """Parts as the parser of meshes gives them, with their volumes, and what is wrong with each."""
+    """Parts as the parser of meshes gives them, and what is wrong with each."""
     diagonal = _diagonal([shape for _, _, shape, _ in parts])
     chord = min(CHORD * diagonal, max(LARGE_CHORD * diagonal, LONG_CHORD))
     objects: list[Json] = []
@@ -63,7 +63,7 @@ def _reply(parts: list[Part]) -> Reply:
         of_part = [*_flaws(shape), *(["is hidden or transparent"] if opacity < 1 else [])]
         flaws += [f"{f'the part {name}' if name else f'part {number + 1}'} {flaw}" for flaw in of_part]
         palette, color = [paint[:3] for paint in palette], color and color[:3]
-        objects.append({"name": name, "color": color, "palette": palette, "tool": "", "volume": _volume(shape)})
+        objects.append({"name": name, "color": color, "palette": palette, "tool": ""})
     return {"objects": objects, "flaws": flaws}, arrays
 
 
@@ -75,15 +75,6 @@ def _diagonal(shapes: list[Any]) -> float:
     for shape in shapes:
         BRepBndLib.Add_s(shape, box)
     return 0.0 if box.IsVoid() else float(box.SquareExtent() ** 0.5)
-
-
-def _volume(shape: Any) -> float:
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-
-    mass = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, mass)
-    return float(mass.Mass())
 
 
 def _flaws(shape: Any) -> list[str]:
