@@ -178,9 +178,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     worst = max(verdicts, key=lambda verdict: np.nan_to_num(verdict.largest, nan=np.inf))
     if hidden and any(verdict.kinds & LACKING for verdict in verdicts):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
-    copies = [f"copy {k + 1}: " if len(verdicts) > 1 else "" for k in range(len(verdicts))]
-    of_copies = [replace(finding, sentence=f"{copy}{finding.sentence}")
-                 for copy, verdict in zip(copies, verdicts, strict=True) for finding in verdict.findings]  # fmt: skip
+    of_copies = [
+        finding.about(f"copy {k}") if len(verdicts) > 1 else finding
+        for k, verdict in enumerate(verdicts, 1)
+        for finding in verdict.findings
+    ]
     return Check(
         "", reading.kind, count, sum(len(verdict.used) > 0 for verdict in verdicts), worst.largest,
         worst.worst, worst.scale, reading.papers or tuple(page.size for page in reading.pages),
@@ -239,21 +241,16 @@ def _several(body: Body, reading: Reading, tolerance: float) -> Check:
         check = checks[plate.name] = best_check(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
         # In a net the outlines are folds, in dashes.
         judged = [finding for finding in check.findings if not neighbors or finding.kind != "outline"]
-        findings += [_of_plate(finding, plate) for finding in judged]
+        findings += [finding.about(plate.name) for finding in judged]
         notes += check.notes
     worst = max(checks, key=lambda name: np.nan_to_num(checks[name].largest, nan=np.inf))
-    scales = np.array([check.scale for check in checks.values()])
+    x, y = np.mean([check.scale for check in checks.values()], axis=0).tolist()
     return Check(
         "", reading.kind, sum(check.dots for check in checks.values()), 1, checks[worst].largest,
         None if checks[worst].worst is None else f"{worst}/{checks[worst].worst}",
-        (float(scales[:, 0].mean()), float(scales[:, 1].mean())),
-        reading.papers or tuple(page.size for page in reading.pages), tolerance, tuple(findings),
+        (x, y), reading.papers or tuple(page.size for page in reading.pages), tolerance, tuple(findings),
         tuple(dict.fromkeys(notes)),
     )  # fmt: skip
-
-
-def _of_plate(finding: Finding, plate: Plate) -> Finding:
-    return replace(finding, sentence=f"{plate.name}: {finding.sentence}")
 
 
 def _none_found(body: Body, reading: Reading, tolerance: float) -> Check:
@@ -262,7 +259,7 @@ def _none_found(body: Body, reading: Reading, tolerance: float) -> Check:
         for page in reading.pages:
             check = _single(plate.marker, replace(reading, pages=(page,), papers=()), tolerance)
             if not is_strange(check):
-                return replace(check, findings=tuple(_of_plate(finding, plate) for finding in check.findings))
+                return replace(check, findings=tuple(finding.about(plate.name) for finding in check.findings))
     return Check("", reading.kind, findings=(NO_PLATE,))
 
 

@@ -137,11 +137,13 @@ def judge(
         off = ((matched.centers - moved) @ turned) / by - source
     apart = np.linalg.norm(off, axis=-1)
     diameter = 2 * float(expected.radii.min())
-    if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
+    if not trusted and (apart.max() > STRANGER * diameter or len(here) < n):
         sentence = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
         other = (Finding("another marker", sentence),)
         return Verdict(distance[worst] / 1e3, here.names[worst], scale, other, None, NOTHING, expected.take(NOTHING))
-    if is_scaled and _resized(matched, here, factor):
+    # Dots that keep their size while the distances between them are scaled.
+    grown = float(np.median(matched.radii / here.radii))
+    if abs(np.log(factor)) > max(0.002, 4 * abs(np.log(grown))):
         times = f"{factor:.4f}".rstrip("0")
         sentence = f"another marker: its dots are as large as this one's, but {times} times as far apart"
         findings.append(Finding("another marker", sentence))
@@ -277,15 +279,6 @@ def _consensus(source: Array, target: Array, mirror: bool, tol: float, is_scaled
         if best.all():
             break
     return best
-
-
-def _resized(dots: DotSet, expected: DotSet, factor: float) -> bool:
-    """True if the dots keep their size while the distances between them are scaled."""
-    sized = expected.radii > 0
-    if not sized.any():
-        return False
-    grown = float(np.median(dots.radii[sized] / expected.radii[sized]))
-    return abs(np.log(factor)) > 0.002 and abs(np.log(grown)) < abs(np.log(factor)) / 4
 
 
 def _off(names: Sequence[int], off: Array, apart: Array, tol: float) -> list[Finding]:

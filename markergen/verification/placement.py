@@ -264,7 +264,7 @@ def _compared(
             way = "high" if rise[n] > 0 else "low"
             sentence = f"dot {placed.verdict.expected.names[n]} is {short_length(abs(rise[n]))} too {way}"
             errors.append(Finding("height", sentence))
-        findings += [replace(finding, sentence=f"{plate.name}: {finding.sentence}") for finding in errors]
+        findings += [finding.about(plate.name) for finding in errors]
         if not mirrored and not any(finding.kind in UNTAGGED for finding in errors):
             findings += _moved(plates, k, chosen, poses, tolerance)
         rotation, translation = poses[k]
@@ -274,10 +274,9 @@ def _compared(
     if not findings:
         findings = _of_whole(solid.mapped(*inverse_pose(motion)), wanted, tolerance)
     verdicts = [placed.verdict for placed in chosen if placed]
-    scales = np.array([verdict.scale for verdict in verdicts])
+    x, y = np.mean([verdict.scale for verdict in verdicts], axis=0).tolist()
     check = Check(
-        "", kind, sum(len(verdict.used) for verdict in verdicts), 1, largest / 1e3, worst,
-        (float(scales[:, 0].mean()), float(scales[:, 1].mean())), (None,), tolerance,
+        "", kind, sum(len(verdict.used) for verdict in verdicts), 1, largest / 1e3, worst, (x, y), (None,), tolerance,
         tuple(list(dict.fromkeys(findings))[: 3 * MOST_LISTED]), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
     return check, verdicts

@@ -172,8 +172,6 @@ def _blobs(grey: Grey, scale: Array, sizes: Array | None, gap: float) -> Iterato
     """
     import cv2
 
-    if sizes is not None and not len(sizes):
-        return
     if sizes is None:
         step = max(int(np.sqrt(grey.size / SEARCHED)), 1)
     else:

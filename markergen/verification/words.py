@@ -3,7 +3,7 @@
 # tests: tests/verification/test_check.py
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -70,6 +70,10 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
+
+    def about(self, subject: str) -> "Finding":
+        """The same about one of several plates or copies, which the sentence then begins with."""
+        return replace(self, sentence=f"{subject}: {self.sentence}")
 
 
 REMOVE = "remove what is not the marker's, or export it again"
