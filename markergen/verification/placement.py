@@ -76,13 +76,13 @@ def placements(solid: Solid, wanted: WantedSolid, kind: str) -> Iterator[Placeme
         rotation = rotation_up(normal)
         if rotation[2, 2] < 1 - 1e-4:
             # The direction in the file of what is up in the view.
-            yield Placement(_direction(rotation[2], kind), solid.mapped(rotation, np.zeros(3)))
+            yield Placement(_direction(rotation[2], kind), solid.mapped(rotation))
     size = size_of(solid.shell.corners) / size_of(wanted.shell.corners)
     homes = ("m", "mm") if kind == "GLB" else ("mm",)
     for ratio, (mistake, remedy) in unit_mistakes(*homes, units=LENGTHS).items():
         if 1 / ROUGHLY < size / ratio < ROUGHLY:
             sentence = f"scaled by {ratio:.6g} along x, y and z: {mistake}"
-            rescaled = solid.mapped(np.eye(3) / ratio, np.zeros(3))
+            rescaled = solid.mapped(np.eye(3) / ratio)
             yield Placement(Finding("scaled", sentence, remedy), rescaled, 1 / ratio)
 
 
@@ -134,7 +134,7 @@ def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placeme
     by = (high - low) / (wanted_high - wanted_low)
     if by > 0 and abs(by - 1) * (wanted_high - wanted_low) > tol:
         finding = Finding("scaled", f"scaled by {by:.5g} along z", "export it again at its size")
-        yield Placement(finding, solid.mapped(np.diag([1.0, 1.0, 1 / by]), np.zeros(3)))
+        yield Placement(finding, solid.mapped(np.diag([1.0, 1.0, 1 / by])))
     below, above = (_middle(solid, wanted, low, wanted_low), _middle(solid, wanted, high, wanted_high))
     lean = (above - below) / max(high - low, 1e-9)
     if np.linalg.norm(above - below) > tol:
@@ -144,7 +144,7 @@ def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placeme
         off = short_length(float(np.hypot(x, y)))
         sentence = f"sheared: its face lies {off} beside its back (x {x:+.4g} mm, y {y:+.4g} mm)"
         finding = Finding("sheared", sentence, "export it again from its marker.json")
-        yield Placement(finding, solid.mapped(matrix, np.zeros(3)))
+        yield Placement(finding, solid.mapped(matrix))
 
 
 def _middle(solid: Solid, wanted: WantedSolid, height: float, wanted_height: float) -> Array:
@@ -196,13 +196,13 @@ def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolera
     # In mm, as the file is.
     plates = [replace(plate, translation=tuple(1e3 * plate.translation_vector)) for plate in designed.plates]
     factor, findings = _unit(solid, wanted)
-    solid = solid.mapped(factor * np.eye(3), np.zeros(3)) if factor != 1 else solid
+    solid = solid.mapped(factor * np.eye(3)) if factor != 1 else solid
     check, verdicts = _compared(plates, solid, wanted, kind, tolerance)
     stretch = _stretch(verdicts)
     if stretch is not None:
         half = 500 * np.ptp(designed.xyz, axis=0)[[0, 1]]
         findings = [scale_finding(stretch / factor, stretch / factor, np.maximum(half, 1.0), 1e3 * tolerance)]
-        check, _ = _compared(plates, solid.mapped(np.eye(3) / stretch, np.zeros(3)), wanted, kind, tolerance)
+        check, _ = _compared(plates, solid.mapped(np.eye(3) / stretch), wanted, kind, tolerance)
     if not findings:
         return check
     scale = (stretch or 1.0) / factor
@@ -308,7 +308,7 @@ def _placements(
     placements = []
     for way in _directions(rims, sizes, ways):
         rotation = rotation_up(way)
-        seen = _open(dots_of(view := rims.mapped(rotation, np.zeros(3)), sizes), view)
+        seen = _open(dots_of(view := rims.mapped(rotation), sizes), view)
         for dots in _layers(seen) if np.ptp(expected.heights) < LAYER else [seen]:
             # Heights are compared in the file.
             verdicts = judge_copies(expected, replace(dots, heights=np.full(len(dots), np.nan)), tolerance)
@@ -338,8 +338,6 @@ def _open(dots: DotSet, rims: Rims) -> DotSet:
 
     Where that leaves none, they are all there is: half-balls that stand on a plate.
     """
-    if not len(dots):
-        return dots
     away = np.linalg.norm(np.column_stack([dots.centers, dots.heights])[:, None] - rims.centers, axis=2)
     here = (away < LAYER) & (np.abs(np.log(rims.radii / dots.radii[:, None])) < np.log(ALIKE))
     is_closed = (here & (rims.normals[:, 2] < -0.99)).any(axis=1) & (here & (rims.normals[:, 2] > 0.99)).any(axis=1)
@@ -348,8 +346,6 @@ def _open(dots: DotSet, rims: Rims) -> DotSet:
 
 def _layers(dots: DotSet) -> list[DotSet]:
     """Dots of each height."""
-    if not len(dots):
-        return []
     order = np.argsort(dots.heights, kind="stable")
     cuts = np.flatnonzero(np.diff(dots.heights[order]) > LAYER) + 1
     return [dots.take(np.sort(rows)) for rows in np.split(order, cuts)]

@@ -3,7 +3,7 @@
 # tests: tests/verification/test_solid_readers.py
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,13 +54,9 @@ class Rims:
     shell: Indices
     reach: Array
 
-    def mapped(self, matrix: Array, translation: Array) -> "Rims":
-        """Map by a similarity."""
-        factor = abs(float(np.linalg.det(matrix))) ** (1 / 3)
-        return Rims(
-            self.centers @ matrix.T + translation, self.normals @ matrix.T / factor, factor * self.radii,
-            factor * self.rough, self.shell, factor * self.reach,
-        )  # fmt: skip
+    def mapped(self, matrix: Array, translation: Array | float = 0.0) -> "Rims":
+        """Map by a rotation (3, 3) and a translation in mm."""
+        return replace(self, centers=self.centers @ matrix.T + translation, normals=self.normals @ matrix.T)
 
     def take(self, chosen: Mask) -> "Rims":
         """Select some."""

@@ -73,7 +73,7 @@ class Solid:
         spread = float(np.ptp(levels)) if len(levels) else 0.0
         return np.asarray(levels < (levels.max() + levels.min()) / 2 if spread >= CONTRAST else levels < 0.5)
 
-    def mapped(self, matrix: Array, translation: Array) -> "Solid":
+    def mapped(self, matrix: Array, translation: Array | float = 0.0) -> "Solid":
         """Map by a matrix (3, 3), inside out again if it mirrors, and a translation in mm."""
         flip = slice(None, None, -1 if np.linalg.det(matrix) < 0 else 1)
         objects = (mesh._replace(corners=(mesh.corners @ matrix.T + translation)[:, flip]) for mesh in self.objects)

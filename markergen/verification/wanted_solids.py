@@ -111,11 +111,11 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
 
     Raises InputError if the body cannot be made with the options.
     """
-    ranked: list[tuple[float, int, WantedSolid]] = []
+    ranked: list[tuple[float, WantedSolid]] = []
     problem: InputError | OutputError | None = None
     kinds = (MATERIALS, *((material,) for material in MATERIALS)) if bare else (MATERIALS,)
     asked_volumes: dict[tuple[str, ...], float] = {}
-    choices = list[tuple[float, int, Fabrication, tuple[str, ...]]]()
+    choices = list[tuple[float, Fabrication, tuple[str, ...]]]()
     for fabrication in [asked] if recorded else _choices(body, asked):
         # What is engraved in the back takes most of the time, and is about as much for all processes.
         plain = replace(fabrication, engrave=False)
@@ -133,12 +133,12 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
                 continue
             cut = asked_volumes.setdefault(materials, whole - engraved)
             for engrave in (fabrication.engrave, not fabrication.engrave)[: 1 if recorded else 2]:
-                choices.append((whole - cut * engrave, len(choices), replace(fabrication, engrave=engrave), materials))
+                choices.append((whole - cut * engrave, replace(fabrication, engrave=engrave), materials))
     if not choices:
         assert problem is not None
         raise problem
     # In another unit, all is larger by the same.
-    usual_corners = wanted_solid(body, *choices[0][2:]).shell.corners
+    usual_corners = wanted_solid(body, *choices[0][1:]).shell.corners
     ratio = size_of(corners) / size_of(usual_corners)
     corners = corners if 1 / UNIT < ratio < UNIT else corners / ratio
     measures = [(max(abs(volume_of(mesh)), 1e-9), area_of(mesh)) for mesh in (corners, _around(corners, usual_corners))]
@@ -148,25 +148,24 @@ def best_wanted(body: Body, asked: Fabrication, recorded: bool, corners: Array, 
         return abs(float(np.log(measured[0] / volume))) + (abs(float(np.log(measured[1] / area))) if area else 0.0)
 
     # What was asked for first, so that a damaged file is compared with it whatever its volume.
-    order = sorted(choices, key=lambda choice: (choice[2] != asked, choice[1]))
+    order = sorted(choices, key=lambda choice: choice[1] != asked)
     # Inlays that fill their pockets leave the volume as it is, but for rounding. What is beside the usual box may be
     # extra, or balls on the plate.
     by_measure = [
-        sorted(order[len(kinds) :], key=lambda choice: (round(off(measured, choice[0]), 9), choice[1]))
-        for measured in measures
+        sorted(order[len(kinds) :], key=lambda choice: round(off(measured, choice[0]), 9)) for measured in measures
     ]
     rest = dict.fromkeys(chain.from_iterable(zip(*by_measure, strict=True)))
-    for volume, number, fabrication, materials in [*order[: len(kinds)], *rest][:MOST_MADE]:
+    for volume, fabrication, materials in [*order[: len(kinds)], *rest][:MOST_MADE]:
         wanted = wanted_solid(body, fabrication, materials)
         area = area_of(wanted.shell.corners)
-        ranked.append((min(off(measured, volume, area) for measured in measures), number, wanted))
+        ranked.append((min(off(measured, volume, area) for measured in measures), wanted))
         if ranked[-1][0] < CLOSE:
             break
-    best = min(ranked, key=lambda rank: rank[:2])[2]
+    best = min(ranked, key=lambda rank: rank[0])[1]
     # What is engraved in a large plate changes its volume less than a coarse mesh does.
     other = replace(best.fabrication, engrave=not best.fabrication.engrave)
     others = [] if recorded else [wanted_solid(body, other, best.materials)]
-    return list(dict.fromkeys([best, *others, ranked[0][2]]))
+    return list(dict.fromkeys([best, *others, ranked[0][1]]))
 
 
 def _around(corners: Array, wanted: Array) -> Array:
