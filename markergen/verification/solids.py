@@ -403,14 +403,14 @@ class _Explained:
 
         return findings, inside
 
-    def _round(self, name: str, whole: tuple[float, float, float]) -> list[Finding]:
+    def _round(self, name: str, whole: tuple[float, float, float], absent: str = "is missing") -> list[Finding]:
         """A round outline or hole, by its rim in the back or else in the face."""
         rims, kind = self.solid.rims, "hole" if "hole" in name else "outline"
         off, ratio = rims.centers[:, :2] - whole[:2], np.abs(np.log(rims.radii / whole[2]))
         away = np.linalg.norm(off, axis=1)
         candidates = np.flatnonzero((away < HOLE) & (ratio < np.log(ALIKE)) & (np.abs(rims.normals[:, 2]) > 0.99))
         if not len(candidates):
-            return [Finding(kind, f"{name} is missing")]
+            return [Finding(kind, f"{name} {absent}")]
         best = candidates[np.argmin((away + np.abs(rims.radii - whole[2]) + (rims.normals[:, 2] > 0))[candidates])]
         findings = list[Finding]()
         if away[best] > self.tol:
@@ -421,18 +421,13 @@ class _Explained:
         return findings
 
     def _sinks(self) -> list[Finding]:
-        findings, rims = [], self.solid.rims
+        """Countersinks of the holes that are there."""
+        findings, rims = list[Finding](), self.solid.rims
         for hole in self.marker.substrate.holes:
-            if not hole.sink:
-                continue
-            here = np.hypot(rims.centers[:, 0] - 1e3 * hole.x, rims.centers[:, 1] - 1e3 * hole.y) < 0.1
-            alike = here & (np.abs(np.log(rims.radii / (500 * hole.sink))) < np.log(ALIKE))
-            size = f"{1e3 * hole.sink:.6g} mm"
-            if here.any() and not alike.any():
-                findings.append(Finding("hole", f"{hole_name(hole)} has no countersink of {size}"))
-            elif alike.any() and (off := np.abs(rims.radii[alike] - 500 * hole.sink)).min() > self.tol:
-                wide = 2 * float(rims.radii[alike][np.argmin(off)])
-                findings.append(Finding("hole", f"{hole_name(hole)} has a diameter of {wide:.6g} mm, not {size}"))
+            x, y, radius = 1e3 * hole.x, 1e3 * hole.y, 500 * hole.sink
+            if radius and (np.hypot(rims.centers[:, 0] - x, rims.centers[:, 1] - y) < 0.1).any():
+                absent = f"has no countersink of {2 * radius:.6g} mm"
+                findings += self._round(hole_name(hole), (x, y, radius), absent)
         return findings
 
     def _strange_holes(self, extra: Array) -> list[Finding]:
