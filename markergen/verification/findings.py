@@ -222,34 +222,23 @@ def extras(dots: DotSet, used: NDArray[np.intp], motion: PlaneMotion | None, hol
 
 def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Mask, tuple[float, float], bool]:
     """Find the dots that agree with one motion, their scales, and whether the agreement requires scaling."""
-
-    def scales(chosen: Mask) -> tuple[float, float]:
-        if chosen.sum() < 3:
-            return np.nan, np.nan
-        x, y = scaled_motion(source[chosen], target[chosen], mirror)[1]
-        return float(x), float(y)
-
-    everything = np.ones(len(source), dtype=bool)
-    scalable = len(source) >= 4
-    worst = [_away(source, target, everything, mirror, is_scaled).max() for is_scaled in (False, True)[: 1 + scalable]]
-    for is_scaled, off in enumerate(worst):
-        if off > tol:
-            continue
-        rigid = _consensus(source, target, mirror, tol, False) if is_scaled else everything
+    rigid = _consensus(source, target, mirror, tol, False)
+    scaled = rigid if rigid.all() else _consensus(source, target, mirror, tol, True)
+    is_rigid = rigid.sum() >= 3 and 2 * rigid.sum() > len(source)
+    is_scaled = scaled.sum() >= 4 and 2 * scaled.sum() > len(source) and scaled.sum() > rigid.sum()
+    if is_rigid and is_scaled and scaled.all():
         # A scale that explains a single dot leaves the others farther off than they are without it.
-        if 2 * rigid.sum() > len(source) and is_scaled:
-            agreed = _away(source, target, rigid, mirror, False)[rigid].max()
-            if rigid.sum() >= 3 and agreed < off / 4:
-                return rigid, scales(rigid), False
-        return everything, scales(everything), bool(is_scaled)
-    rigid, scaled = (_consensus(source, target, mirror, tol, is_scaled) for is_scaled in (False, True))
-    if scaled.sum() >= 4 and 2 * scaled.sum() > len(source) and scaled.sum() > rigid.sum():
-        return scaled, scales(scaled), True
-    if rigid.sum() >= 3 and 2 * rigid.sum() > len(source):
-        return rigid, scales(rigid), False
-    # No consensus: call it scaled if that explains most of the error, and otherwise trust no dot.
-    explained = scalable and bool(worst[1] < worst[0] / 4)
-    return everything & explained, scales(everything), explained
+        off = _away(source, target, rigid, mirror, False)[rigid].max()
+        is_scaled = off >= _away(source, target, scaled, mirror, True).max() / 4
+    agreed = measured = scaled if is_scaled else rigid
+    if not (is_rigid or is_scaled):
+        # No consensus: call it scaled if that explains most of the error, and otherwise trust no dot.
+        measured = np.ones(len(source), dtype=bool)
+        rigid_off, scaled_off = (_away(source, target, measured, mirror, scale).max() for scale in (False, True))
+        is_scaled = len(source) >= 4 and scaled_off < rigid_off / 4
+        agreed = measured & is_scaled
+    x, y = scaled_motion(source[measured], target[measured], mirror)[1].tolist()
+    return agreed, (x, y), bool(is_scaled)
 
 
 def _away(source: Array, target: Array, chosen: Mask, mirror: bool, is_scaled: bool) -> Array:
@@ -263,7 +252,10 @@ def _away(source: Array, target: Array, chosen: Mask, mirror: bool, is_scaled: b
 
 
 def _consensus(source: Array, target: Array, mirror: bool, tol: float, is_scaled: bool) -> Mask:
+    """The most dots that agree with one motion: all, or those that a pair or triple of them leads to."""
     m, size, rng = len(source), 3 if is_scaled else 2, np.random.default_rng(0)
+    if (_away(source, target, np.ones(m, dtype=bool), mirror, is_scaled) <= tol).all():
+        return np.ones(m, dtype=bool)
     subsets = (rng.choice(m, size, replace=False) for _ in range(MOST_SUBSETS))
     best = np.zeros(m, dtype=bool)
     for subset in combinations(range(m), size) if m <= 14 else subsets:
