@@ -206,12 +206,10 @@ def extras(dots: DotSet, used: NDArray[np.intp], motion: PlaneMotion | None, hol
     if not len(left) or motion is None:
         return []
     places = motion.to_marker(dots.centers[left])
-    if len(used):
-        inner = motion.to_marker(dots.centers[used])
-        middle = inner.mean(axis=0)
-        reach = FAR * (np.linalg.norm(inner - middle, axis=-1).max() + 10 * dots.radii[used].max())
-        close = np.linalg.norm(places - middle, axis=-1) <= reach
-        left, places = left[close], places[close]
+    inner = motion.to_marker(dots.centers[used])
+    middle = inner.mean(axis=0)
+    reach = FAR * (np.linalg.norm(inner - middle, axis=-1).max() + 10 * dots.radii[used].max())
+    places = places[np.linalg.norm(places - middle, axis=-1) <= reach]
     if not len(places):
         return []
     listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])

@@ -234,14 +234,7 @@ def sampled(contour: Contour) -> tuple[Array, Array]:
     length = np.linalg.norm(way, axis=1)
     spacing = max(min(SPACING, length.sum() / 100), length.sum() / MOST_SAMPLES)
     normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
-    if len(ring) > MOST_SAMPLES or (length < spacing).mean() > 0.5:
-        # Chords of an arc: points at equal distances among their ends.
-        at = np.cumsum(length) - length
-        kept = np.concatenate([[True], np.diff(np.floor(at / spacing)) > 0])
-        # Ends of chords are on the arc; points between them are not.
-        normal = normal + np.roll(normal, 1, axis=0)
-        normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
-        return ring[kept], normal[kept]
+    # Ends of the chords of an arc are on it; these are shorter than the spacing.
     count = np.maximum(np.ceil(length / spacing), 1).astype(int)
-    of, number = counted(count)
+    of, number = (values[:: len(ring) // MOST_SAMPLES + 1] for values in counted(count))
     return ring[of] + (number / count[of])[:, None] * way[of], normal[of]

@@ -59,35 +59,31 @@ class TilePage:
     ----------
     crosses : array (k, 2)
         Points in mm where two lines of equal length bisect each other.
-    trim : (left, bottom, right, top) or None for each
-        Seams, mm; None for a side that is not trimmed.
+    trim : array (4,)
+        Seams on the left, below, on the right and above, mm; nan for a side that is not trimmed.
     arcs : tuple of arrays (m, 2)
         Points in mm of outlines that contain arcs of circles.
     """
 
     page: Page
     crosses: Array
-    trim: tuple[float | None, float | None, float | None, float | None]
+    trim: Array
     arcs: tuple[Array, ...] = ()
 
     @property
     def is_tile(self) -> bool:
         """True if it has seams, and is to be assembled with others."""
-        return any(place is not None for place in self.trim)
+        return bool(np.isfinite(self.trim).any())
 
     @property
-    def kept(self) -> tuple[float, ...]:
+    def kept(self) -> Array:
         """Box (left, bottom, right, top) that remains after trimming."""
-        sides = (-np.inf, -np.inf, np.inf, np.inf)
-        return tuple(far if cut is None else cut for cut, far in zip(self.trim, sides, strict=True))
+        return np.where(np.isfinite(self.trim), self.trim, [-np.inf, -np.inf, np.inf, np.inf])
 
     def marks(self, side: int) -> Array:
         """Crosses on one seam, sorted along it; empty if there is no seam."""
-        place = self.trim[side]
-        if place is None:
-            return np.zeros((0, 2))
         axis = side % 2
-        chosen = self.crosses[np.abs(self.crosses[:, axis] - place) < ON_SEAM]
+        chosen = self.crosses[np.abs(self.crosses[:, axis] - self.trim[side]) < ON_SEAM]
         return chosen[np.argsort(chosen[:, 1 - axis])]
 
 
@@ -141,15 +137,14 @@ def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, are
         lines=lines[arrays[f"cut{index}"]] if are_cut else lines,
         are_cut=are_cut,
     )
-    left, bottom, right, top = values["trim"]
     arcs = np.split(arrays[f"arcs{index}"], arrays[f"arc_ends{index}"][:-1]) if len(arrays[f"arcs{index}"]) else []
-    return TilePage(page, arrays[f"crosses{index}"], (left, bottom, right, top), tuple(arcs))
+    return TilePage(page, arrays[f"crosses{index}"], np.array(values["trim"], dtype=float), tuple(arcs))
 
 
 def markers_of(sheets: Sequence[TilePage]) -> list[range]:
     """Ranges of pages with the tiles of one marker each: the first one has seams neither on its left nor above."""
     tiles = [index for index, sheet in enumerate(sheets) if sheet.is_tile]
-    starts = [index for index in tiles if sheets[index].trim[0] is None and sheets[index].trim[3] is None]
+    starts = [index for index in tiles if np.isnan(sheets[index].trim[[0, 3]]).all()]
     starts = sorted({tiles[0], *starts})
     return [range(start, end) for start, end in zip(starts, [*starts[1:], len(sheets)], strict=True)]
 
@@ -165,7 +160,7 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
         sheet = sheets[index]
         if not sheet.is_tile:
             continue
-        row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
+        row, column = (row + 1, 0) if np.isnan(sheet.trim[0]) or row < 0 else (row, column + 1)
         ties = [np.zeros((0, 2))]
         for side, there in ((0, (row, column - 1)), (3, (row - 1, column))):
             if there not in tiles:

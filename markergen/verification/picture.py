@@ -62,7 +62,7 @@ class PagePicture:
         return PagePicture(sample, grain, paper, measured=measured, bilevel=levels == 2)
 
     @staticmethod
-    def of_tiles(tiles: Sequence[tuple["PagePicture | None", Array, Sequence[float]]]) -> "PagePicture":
+    def of_tiles(tiles: Sequence[tuple["PagePicture | None", Array, Array]]) -> "PagePicture":
         """Picture of tiles, each given with its shift and the box (left, bottom, right, top) left after trimming."""
 
         def sample(points: Array) -> Array:

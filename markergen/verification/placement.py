@@ -321,8 +321,6 @@ def _directions(rims: Rims, sizes: Array, ways: Array) -> Iterator[Array]:
     alike = np.abs(np.log(np.maximum(rims.radii[:, None], 1e-12) / sizes)).min(axis=1) < 0.1
     # A half-ball has a rim below alone.
     normals = np.concatenate([rims.normals[alike], -rims.normals[alike]])
-    if not len(normals):
-        return
     _, first, count = np.unique(np.round(normals / COARSE), axis=0, return_index=True, return_counts=True)
     before: list[Array] = []
     for index in first[np.argsort(-count, kind="stable")][:MOST_SIDES]:

@@ -90,9 +90,8 @@ def _edges(corners: Array, sample: Sample, cells: int) -> Array:
     for k in range(4):
         start, end = corners[k], corners[(k + 1) % 4]
         along = (end - start) / np.linalg.norm(end - start)
+        # They run clockwise.
         outward = np.array([-along[1], along[0]])
-        if outward @ (start - corners.mean(axis=0)) < 0:
-            outward = -outward
         half = 0.5 * float(np.linalg.norm(end - start)) / cells
         steps = (np.arange(200) + 0.5) / 200 * 2 * half - half
         feet = start + np.linspace(0.15, 0.85, 15)[:, None] * (end - start)
