@@ -189,10 +189,8 @@ def _matches(expected: DotSet, dots: DotSet, mirror: bool) -> list[Match]:
     reach = float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
     matches: list[Match] = []
     for pair in _base_pairs(expected):
-        for factor, offset in _guesses(expected, dots, pair, mirror, reach):
-            candidate = _labels(expected, dots, mirror, factor, offset, reach)
-            if candidate is not None:
-                matches.append(candidate)
+        guesses = _guesses(expected, dots, pair, mirror, reach)
+        matches += [_labels(expected, dots, mirror, factor, offset, reach) for factor, offset in guesses]
         if any(match.count == len(expected) for match in matches):
             break
     most = max((match.count for match in matches), default=0)
@@ -265,9 +263,7 @@ def _nearest(points: Array, places: NDArray[np.complex128]) -> tuple[Array, Indi
     return distance, index
 
 
-def _labels(
-    expected: DotSet, dots: DotSet, mirror: bool, factor: complex, offset: complex, reach: float
-) -> Match | None:
+def _labels(expected: DotSet, dots: DotSet, mirror: bool, factor: complex, offset: complex, reach: float) -> Match:
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
     distance, index = _nearest(dots.centers, factor * source + offset)
     index = np.where(distance < reach, index, -1)
@@ -275,9 +271,8 @@ def _labels(
     for dot in np.unique(index[index >= 0]):
         claims = np.flatnonzero(index == dot)
         index[claims[claims != claims[np.argmin(distance[claims])]]] = -1
+    # Those of the pair at least, which the motion maps onto found ones.
     used = index >= 0
-    if np.sum(used) < 2:
-        return None
     rotation, translation = rigid_motion(expected.centers[used], dots.centers[index[used]], mirror)
     off = expected.centers[used] @ rotation.T + translation - dots.centers[index[used]]
     strange = int(np.sum(dots.rings[index[used]] != expected.rings[used]))
@@ -309,8 +304,6 @@ def changes(page: Page, expected: DotSet) -> Iterator[tuple[Array, Array]]:
     identity = np.eye(2)
     for ratio in _ratios(page, expected):
         dots = dots_on_page(moved_page(page, identity / ratio), expected)
-        if len(dots) < FEWEST:
-            continue
         change = _stretch(expected, dots) if len(dots) == len(expected) else None
         if change is not None:
             rotation, shape = change
@@ -321,8 +314,6 @@ def changes(page: Page, expected: DotSet) -> Iterator[tuple[Array, Array]]:
 def _ratios(page: Page, expected: DotSet) -> list[float]:
     """Ratios of sizes of circles to that of most dots, those that occur as often as the dots first."""
     radii = page.circles[:, 2]
-    if not len(radii):
-        return []
     sizes, often = np.unique(expected.radii, return_counts=True)
     usual = float(sizes[np.argmax(often)])
     ordered = np.sort(radii[radii > 0])
