@@ -2,7 +2,6 @@
 
 # tests: tests/verification/test_solid_readers.py
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,8 +115,9 @@ def rims_of(corners: Array) -> Rims:
     return Rims(table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], table[:, 8].astype(int), table[:, 9])
 
 
-def joined(several: Sequence[Rims]) -> Rims:
-    """Rims of several bodies together."""
+def rims_of_parts(corners: Array, owner: Indices) -> Rims:
+    """Circles on the surfaces of parts by themselves: triangles (m, 3, 3) part by part, with the index of each one's."""
+    several = [rims_of(part) for part in np.split(corners, np.flatnonzero(np.diff(owner)) + 1)]
     columns = {name: np.concatenate([getattr(rims, name) for rims in several]) for name in vars(several[0])}
     before = np.cumsum([0, *(rims.shell.max(initial=0) + 1 for rims in several[:-1])])
     columns["shell"] += np.repeat(before, [len(rims.radii) for rims in several])

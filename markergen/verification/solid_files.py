@@ -19,7 +19,7 @@ from markergen.guard import MOST_TRIANGLES, Content, Reply, in_child, start_chil
 from markergen.occt import missing_kernel
 from markergen.read.meshes import MeshObject
 from markergen.verification.rays import Shell
-from markergen.verification.rims import Rims, joined, rims_of, welded
+from markergen.verification.rims import Rims, rims_of_parts, welded
 
 FOLDER = Path(markergen.read.meshes.__file__)
 MESH_PARSER, PARSER = FOLDER.with_name("mesh_parser.py"), FOLDER.with_name("step_parser.py")
@@ -57,7 +57,7 @@ class Solid:
     @cached_property
     def rims(self) -> Rims:
         """Round rims, of each object by itself."""
-        return joined([rims_of(mesh.corners) for mesh in self.objects if len(mesh.corners)])
+        return rims_of_parts(self.shell.corners, self.shell.owner)
 
     def _dark(self) -> Mask | None:
         """Whether each triangle is dark, where those without a color are light; None if none has one."""

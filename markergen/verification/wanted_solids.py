@@ -19,7 +19,7 @@ from markergen.model.marker import Marker
 from markergen.solid.primitives import COLORS
 from markergen.verification.matching import DotSet
 from markergen.verification.rays import Shell, normals_of
-from markergen.verification.rims import Rims, dots_of, joined, rims_of
+from markergen.verification.rims import Rims, dots_of, rims_of_parts
 
 ALONE = {
     "dark": "the dark parts alone: verify the light ones, or the file of all parts, too",
@@ -79,8 +79,7 @@ class WantedSolid:
     @cached_property
     def rims(self) -> Rims:
         """Round rims, of each part by itself."""
-        parts = [self.shell.corners[self.shell.owner == index] for index in range(len(self.names))]
-        return joined([rims_of(part) for part in parts])
+        return rims_of_parts(self.shell.corners, self.shell.owner)
 
 
 # All choices of one marker, of which several files are often compared.
