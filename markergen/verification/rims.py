@@ -116,7 +116,7 @@ def rims_of(corners: Array) -> Rims:
 
 
 def rims_of_parts(corners: Array, owner: Indices) -> Rims:
-    """Circles on the surfaces of parts by themselves: triangles (m, 3, 3) part by part, with the index of each one's."""
+    """Circles on the surface of each part by itself, of triangles (m, 3, 3) in the order of the parts that own them."""
     several = [rims_of(part) for part in np.split(corners, np.flatnonzero(np.diff(owner)) + 1)]
     columns = {name: np.concatenate([getattr(rims, name) for rims in several]) for name in vars(several[0])}
     before = np.cumsum([0, *(rims.shell.max(initial=0) + 1 for rims in several[:-1])])
