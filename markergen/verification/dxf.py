@@ -12,7 +12,16 @@ from markergen.model.body import Body
 from markergen.read.outlines.curves import Arc, Curve
 from markergen.read.outlines.dxf import CURVES, SCALES, DxfReader, PlacedEntity
 from markergen.read.outlines.formats import OutlineFile
-from markergen.verification.reading import FLATTEST, READERS, Page, Reading, Settings, circles_of, round_shape, twice
+from markergen.verification.reading import (
+    FLATTEST,
+    READERS,
+    Page,
+    Reading,
+    Settings,
+    circles_of,
+    findings_of,
+    round_shape,
+)
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -61,7 +70,7 @@ def read_dxf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
         unread=tuple((label, np.full((4, 2), np.nan)) for label in shapes.unread),
         engraved=np.concatenate([np.zeros((0, 2, 2)), *shapes.lines[ENGRAVE]]),
     )
-    return Reading("DXF", (page,), alone=True, findings=twice(shapes.twice))
+    return Reading("DXF", (page,), alone=True, findings=findings_of(shapes.twice))
 
 
 def _unit(document: "Document", data: bytes, name: str, asked: float | None) -> float:

@@ -139,8 +139,8 @@ def judge(
     diameter = 2 * float(expected.radii.min())
     if not trusted and (apart.max() > STRANGER * diameter or len(here) < n):
         sentence = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
-        other = (Finding("another marker", sentence),)
-        return Verdict(distance[worst] / 1e3, here.names[worst], scale, other, None, NOTHING, expected.take(NOTHING))
+        strange = (Finding("another marker", sentence),)
+        return Verdict(distance[worst] / 1e3, here.names[worst], scale, strange, None, NOTHING, expected.take(NOTHING))
     # Dots that keep their size while the distances between them are scaled.
     grown = float(np.median(matched.radii / here.radii))
     if abs(np.log(factor)) > max(0.002, 4 * abs(np.log(grown))):

@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array, Indices
 from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import Marker
-from markergen.verification.reading import Page
-
-ALIKE = 1.3
-"""Maximum ratio between the radii of a circle and of a dot that it may be."""
+from markergen.verification.reading import ALIKE, Page
 
 CONCENTRIC = 0.2
 """Maximum distance between the centers of circles of one dot, as a share of the smaller radius."""

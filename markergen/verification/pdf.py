@@ -21,20 +21,21 @@ from markergen.errors import InputError, brief
 from markergen.geometry.region import Region
 from markergen.guard import Content, in_child
 from markergen.model.body import Body
-from markergen.verification.matching import ALIKE, dots_on_page, expected_dots
+from markergen.verification.matching import dots_on_page, expected_dots
 from markergen.verification.pdf_parser import FINEST
 from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
 from markergen.verification.reading import (
+    ALIKE,
     READERS,
     Page,
     Reading,
     Settings,
     circle_diameters,
+    findings_of,
     of_painted_again,
     round_shape,
 )
-from markergen.verification.words import Finding
 
 PARSER = Path(__file__).with_name("pdf_parser.py")
 
@@ -107,7 +108,7 @@ def read_pdf(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
     pages = tuple(sheet.page for sheet in sheets)
     if any(sheet.is_tile for sheet in sheets):
         whole = [assembled(sheets, indices, circle_diameters(body)) for indices in markers_of(sheets)]
-        gaps = tuple(Finding("marks", gap) for _, gaps in whole for gap in gaps)
+        gaps = findings_of((gap for _, gaps in whole for gap in gaps), "marks", "", None)
         papers = tuple(page.size for page in pages)
         return Reading("PDF", tuple(page for page, _ in whole), papers=papers, findings=gaps)
     finest = max((values["image"] for values in reply.values["pages"]), default=0.0)

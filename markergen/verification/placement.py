@@ -16,9 +16,9 @@ from markergen.arrays import Array
 from markergen.maths.rotation import inverse_pose, pose_product, rigid_motion, skew
 from markergen.model.body import Body, Plate
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
-from markergen.verification.matching import ALIKE, DotSet
+from markergen.verification.matching import DotSet
 from markergen.verification.rays import CHORDS, difference, normals_of
-from markergen.verification.reading import with_markers
+from markergen.verification.reading import ALIKE, with_markers
 from markergen.verification.result import Check
 from markergen.verification.rims import Rims, dots_of
 from markergen.verification.solid_files import Solid

@@ -15,10 +15,10 @@ from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import decoded_levels, opened_image
 from markergen.read.videos import silent_opencv
-from markergen.verification.matching import ALIKE
 from markergen.verification.picture import PagePicture
 from markergen.verification.printed import reads_upright
 from markergen.verification.reading import (
+    ALIKE,
     FLATTEST,
     PRINTABLE,
     READERS,

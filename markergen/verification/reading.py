@@ -39,6 +39,11 @@ SMALLEST, SAME = 0.5, 0.02
 OCTAGON = 0.11
 """Maximum deviation of the area of a round outline from that of its circle: a regular octagon lacks 0.0997."""
 
+Findings = tuple[Finding, ...]
+
+ALIKE = 1.3
+"""Maximum ratio between the radii of a circle and of a dot that it may be."""
+
 Circle = tuple[float, float, float, float]
 """Center and radius of a circle, and the largest distance of its outline from it."""
 
@@ -102,8 +107,8 @@ class Page:
 
     def __post_init__(self) -> None:
         if self.lines is not None:
-            near = (np.abs(self.lines) < FARTHEST).all(axis=(1, 2))
-            object.__setattr__(self, "lines", self.lines[near])
+            within = (np.abs(self.lines) < FARTHEST).all(axis=(1, 2))
+            object.__setattr__(self, "lines", self.lines[within])
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +136,7 @@ class Reading:
     pages: tuple[Page, ...]
     tolerance: float = PRINTABLE
     papers: tuple[tuple[float, float] | None, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     alone: bool = False
     notes: tuple[str, ...] = ()
 
@@ -249,15 +254,17 @@ def painted_again(shapes: Sequence[Painted]) -> list[tuple[float, float, float]]
     return [(*middles[j].tolist(), radius) for j, radius in sorted(again.items())]
 
 
-def twice(sentences: Iterable[str]) -> tuple[Finding, ...]:
-    """Findings about what is there twice, and would be made twice."""
-    return tuple(Finding("twice", sentence, "remove one of both") for sentence in islice(sentences, MOST_LISTED))
+def findings_of(
+    sentences: Iterable[str], kind: str = "twice", remedy: str = "remove one of both", most: int | None = MOST_LISTED
+) -> Findings:
+    """Findings about what would be made twice, or of another kind; `most` of them."""
+    return tuple(Finding(kind, sentence, remedy) for sentence in islice(sentences, most))
 
 
-def of_painted_again(again: Sequence[Sequence[float]], body: Body) -> tuple[Finding, ...]:
+def of_painted_again(again: Sequence[Sequence[float]], body: Body) -> Findings:
     """Findings about what is painted again, in circles of the size of dots: a ground is larger."""
     largest = max(circle_diameters(body))
-    return twice(
+    return findings_of(
         f"the shape around x {x:.4g}, y {y:.4g} mm of the page "
         + ("is there twice" if not radius else "is in a dot of its color")
         for x, y, radius in again

@@ -8,7 +8,8 @@ import numpy as np
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.geometry.contour import fitted_sphere
-from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
+from markergen.verification.matching import CONCENTRIC, DotSet
+from markergen.verification.reading import ALIKE
 
 SHARP = (1 + np.cos(np.radians(20.0)) ** 2) / 2
 """Mean squared cosine between normals at an edge; the sides of a circle are up to 5.6 degrees apart."""

@@ -21,10 +21,9 @@ from markergen.model.marker import ControlPoint, Marker
 from markergen.model.substrate import EDGE, PLATE_LENGTHS, Substrate
 from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, PlaneMotion, Verdict, extras, judge, round_holes
 from markergen.verification.lines import hole_name, line_findings, pieces_of, plate_lines, seek_among
-from markergen.verification.matching import ALIKE
 from markergen.verification.placement import Placement, check_sides, placements, stretched
 from markergen.verification.rays import CHORDS, Difference, difference, normals_of
-from markergen.verification.reading import PRINTABLE, READERS, Settings, with_markers
+from markergen.verification.reading import ALIKE, PRINTABLE, READERS, Settings, with_markers
 from markergen.verification.result import Check, is_strange
 from markergen.verification.rims import FLUSH, dots_of
 from markergen.verification.solid_files import CAD, Solid, open_edges, read_solid

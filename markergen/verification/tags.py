@@ -9,7 +9,6 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.model.tag import Tag
 from markergen.verification.findings import PlaneMotion
-from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import Page
 from markergen.verification.words import Finding
 
@@ -36,7 +35,7 @@ def tag_findings(tag: Tag, page: Page, motion: PlaneMotion, tolerance: float) ->
         return errors
     # In black and white, an edge along the rows of pixels may be off by half of one.
     allowed = max(tolerance, BILEVEL * page.picture.grain) if page.picture.bilevel else tolerance
-    errors = _in_pixels(tag, page.picture, motion, allowed if measured else None)
+    errors = _in_pixels(tag, page.picture.sample, motion, allowed if measured else None)
     if not errors or measured or tiled:
         return errors
     remedy = "show all layers, remove what covers it, and print the whole page"
@@ -64,9 +63,9 @@ def _in_outlines(tag: Tag, corners_seen: Array, motion: PlaneMotion, tolerance: 
     return corners_off(corners, nearest, tolerance)
 
 
-def _in_pixels(tag: Tag, picture: PagePicture, motion: PlaneMotion, tolerance: float | None) -> list[Finding]:
+def _in_pixels(tag: Tag, seen_at: Sample, motion: PlaneMotion, tolerance: float | None) -> list[Finding]:
     def sample(points: Array) -> Array:
-        return np.nan_to_num(picture.sample(points), nan=WHITE)
+        return np.nan_to_num(seen_at(points), nan=255.0)
 
     cells = tag.cells
     grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
