@@ -311,7 +311,7 @@ def shown_findings(
     hidden = np.isnan(ink).mean(axis=1) > COVERED[True]
     findings = []
     if hidden.any():
-        sentence = f"{listed_ids(names[hidden])} outside the visible page: the page is cropped"
+        sentence = f"{listed_ids(names[hidden].tolist())} outside the visible page: the page is cropped"
         findings.append(Finding("hidden", sentence, PRINT_ALL))
     # There may be a fine cross in the middle of the marker.
     for seen, sites in ((ink, on), (middle, hole)):
@@ -384,7 +384,7 @@ def _contrasts(contrast: Array, names: Indices, picture: PagePicture) -> tuple[l
         return [Finding("hidden", sentence, "switch the layer dots on")], [], ~unseen
     findings = []
     if unseen.any():
-        sentence = f"{listed_ids(names[unseen])} invisible: white, covered, or on a layer that is switched off"
+        sentence = f"{listed_ids(names[unseen].tolist())} invisible: white, covered, or on a layer that is switched off"
         findings.append(Finding("pale", sentence, "make it black, and remove what covers it"))
     usual = float(np.median(strength[~unseen])) if (~unseen).any() else 0.0
     pale = ~unseen & (strength < ALIKE * strength.max())
@@ -404,7 +404,7 @@ def _contrasts(contrast: Array, names: Indices, picture: PagePicture) -> tuple[l
             remedy = "invert it back, or export it with --colors inverted if light dots are meant"
             findings.append(Finding("inverted", "light and dark are swapped: even the paper is dark", remedy))
     elif light.any():
-        sentence = f"{listed_ids(names[light])} light on a dark ground, unlike the others"
+        sentence = f"{listed_ids(names[light].tolist())} light on a dark ground, unlike the others"
         findings.append(Finding("inverted", sentence, "export it again"))
     return findings, notes, ~unseen & ~light if not light.all() else ~unseen
 

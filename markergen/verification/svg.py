@@ -27,7 +27,6 @@ from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import (
     READERS,
-    Circle,
     Page,
     Painted,
     Reading,
@@ -95,7 +94,7 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             raise InputError(f"a width and height in mm, cm or in of {name}", f"a width of {width}", remedy)
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
-        circles, corners, painted, rough = list[Circle](), [np.zeros((0, 2))], list[Painted](), 0
+        circles, corners, painted, rough = [], [np.zeros((0, 2))], list[Painted](), 0
         lines: dict[bool, list[Array]] = {True: [], False: [np.zeros((0, 2, 2))]}
         for piece in drawing.pieces:
             assert piece.look is not None

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from markergen.arrays import Array, Indices
+from markergen.arrays import Array
 
 MOST_LISTED = 8
 """Maximum number of findings of a kind, or of dots in one, that are listed; the rest is counted or left out."""
@@ -109,7 +109,7 @@ def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: boo
     return Finding("scaled", sentence, FIT_TO_PAGE)
 
 
-def listed_ids(ids: Sequence[int] | Indices) -> str:
+def listed_ids(ids: Sequence[int]) -> str:
     """Return dots as the beginning of a sentence: ``dot 3 is`` or ``dots 1, 2 are``."""
     listed = ", ".join(map(str, ids[:MOST_LISTED])) + (" ..." if len(ids) > MOST_LISTED else "")
     return f"dot {listed} is" if len(ids) == 1 else f"dots {listed} are"
