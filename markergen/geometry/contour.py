@@ -304,7 +304,7 @@ def merged(contour: Contour, off: float) -> Contour:
 
 
 def fitted_sphere(points: Array) -> tuple[Array, float]:
-    """Center (d,) and radius of the circle or sphere through points (m, d), by least squares of |x|^2 = 2 c'x + const."""
+    """Center (d,) and radius of the circle or sphere that fits points (m, d) best, |x|^2 = 2 c'x + const."""
     mean = points.mean(axis=0)
     about = points - mean
     *center, rest = np.linalg.lstsq(np.column_stack([2 * about, np.ones(len(about))]), np.sum(about**2, axis=1))[0]

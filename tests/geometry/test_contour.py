@@ -16,6 +16,7 @@ from markergen.geometry.contour import (
     box,
     center_of,
     circle,
+    fitted_sphere,
     flattened,
     inner_polygon,
     merged,
@@ -199,3 +200,12 @@ def test_contours_as_arrays():
     assert [ring.tolist() for ring in rings] == [[[0, 0], [1, 0], [1, 1], [0, 1]]]
     assert circles.tolist() == [[2, 3, 0.1, 1], [0, 0, 0.2, -1]]
     assert rings_and_circles([])[1].shape == (0, 4)
+
+
+@pytest.mark.parametrize("center", [(2.0, -3.0), (1e4, 5.0, -7.0)])
+def test_circles_and_balls_are_fitted_to_a_part_of_them(center):
+    ways = np.random.default_rng(1).normal(size=(40, len(center)))
+    ways = np.abs(ways) / np.linalg.norm(ways, axis=1)[:, None]
+    middle, radius = fitted_sphere(center + 0.5 * ways)
+    assert radius == pytest.approx(0.5, abs=1e-9)
+    assert middle == pytest.approx(np.array(center), abs=1e-9)
