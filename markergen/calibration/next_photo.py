@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
+from markergen.bounds.confusion.evidence import two_digits
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.coverage import SIDES, coverage_of, posed
-from markergen.calibration.weaknesses import bounded_covariance, two_digits
+from markergen.calibration.weaknesses import bounded_covariance
 from markergen.calibration.working_error import ExpectedError, Sensitivity, sensitivity
 from markergen.detect.detector import Detector
 from markergen.errors import InputError

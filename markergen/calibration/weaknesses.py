@@ -137,8 +137,8 @@ def findings(
         remedy = _REMEDIES.get(name, f"take photographs that show {name}, from several sides")
         weaknesses.append(Weakness(name, sentence, remedy, refused or guessed))
     if worse:
-        times = f"{two_digits(np.sqrt(measured / design))} times as much as by a print with errors of"
-        lost = f"poses by the measured dots would err {times} {two_digits(1e3 * print_sigma)} mm"
+        times = f"{_short(np.sqrt(measured / design))} times as much as by a print with errors of"
+        lost = f"poses by the measured dots would err {times} {_short(1e3 * print_sigma)} mm"
         weaknesses[0] = replace(weaknesses[0], sentence=f"{weaknesses[0].sentence}, and {lost}")
     return tuple(weaknesses)
 
@@ -336,21 +336,21 @@ def _extent(adjustment: Adjustment, name: str, covariance: Array, length: float,
     sigma = np.sqrt(np.maximum(np.diag(directions @ covariance[size:, size:] @ directions.T), 0))
     if name not in _CAMERA:
         several = name.endswith(("dots", "more"))
-        extent = f"known to {two_digits(1e3 * length)} mm only" if length < LOST_M else "open"
+        extent = f"known to {_short(1e3 * length)} mm only" if length < LOST_M else "open"
         return f"{'the ' * name.endswith('dots')}{name} {'are' if several else 'is'} {extent}", False
-    worse = f"which alone turns poses by {two_digits(times)} times as much as the errors of a print"
+    worse = f"which alone turns poses by {_short(times)} times as much as the errors of a print"
     if name == "lens distortion":
         return f"{name} is open, {worse}", False
     if name == "principal point against tilt":
-        return f"{name} is known to {two_digits(float(np.hypot(*sigma[2:4])))} px only, {worse}", False
+        return f"{name} is known to {_short(float(np.hypot(*sigma[2:4])))} px only, {worse}", False
     share = float(sigma[0]) / camera.fx
     if name == "fx against fy":
         ratio = _ratio(adjustment)
         share = float(np.sqrt(ratio @ covariance[size:, size:] @ ratio))
-    extent = f"known to {two_digits(100 * share)} % only" if share < LOST_FOCAL else "open"
+    extent = f"known to {_short(100 * share)} % only" if share < LOST_FOCAL else "open"
     return f"{name} is {extent}, {worse}", share >= LOST_FOCAL
 
 
-def two_digits(number: float) -> str:
-    """Return a number with two digits, as it is if it has more."""
+def _short(number: float) -> str:
+    """Two digits."""
     return f"{number:.2g}" if number < 99 else f"{number:.0f}"

@@ -67,7 +67,7 @@ def test_without_trials_and_views_there_is_still_a_marker_and_what_to_run(result
     text = html_report(content, pentagon, few, (), budget).decode()
     for option in ("--runs 1000", "--views 100"):
         assert option in text
-    assert "a print good to 0.1 mm" in text
+    assert "good to 0.1 mm" in text
 
 
 PARTS = {"comparisons": {}, "labels": None, "relative_error": None, "homography": {}, "noise_px": 0.0, "nees": None}
