@@ -18,7 +18,7 @@ from markergen.maths.information import pose_jacobian
 from markergen.maths.projection import perspective
 from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
-from markergen.presentation.plots import FAINT, INK
+from markergen.presentation.plots import COLORS, FAINT, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 COLUMNS = 60
 """Width of the grid; its height follows from the image's."""
-COLORS = "YlOrBr"
-"""Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""
 _ARROWS, _LEAST, _RANGE = 15, 1e-6, 200.0
 """Number of arrows across the image, the least difference in px, and the largest ratio that a map tells apart."""
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 INK, MUTED, FAINT = "#1a1a1a", "#5a5a5a", "#cfcfcf"
 
+COLORS = "YlOrBr"
+"""Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""
+
 SERIES: tuple[dict[str, Any], ...] = (
     {"color": "#0b5394", "linestyle": "-", "marker": "o"},
     {"color": "#c55a11", "linestyle": "--", "marker": "s"},

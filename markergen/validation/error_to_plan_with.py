@@ -29,14 +29,6 @@ SERIES, LOOKUPS = 4000, 20_000_000
 _KEYS = ("rotation_deg", "translation_mm")
 
 
-def plan_of(expected: Expectation, series: SyntheticViews[Marker]) -> dict[str, Any]:
-    """`headline` for a series, with what it takes as ``exact``."""
-    errors = series.errors
-    is_calibrated = errors.camera_covariance is not None
-    source = source_of(1e3 * errors.print_sigma, is_calibrated, series.marker.places_measured)
-    return headline(expected, series.poses, source) | {"exact": _exact(series)}
-
-
 def plan_for(expected: Expectation, series: SyntheticViews[Marker], bare_px: float, seed: int) -> dict[str, Any]:
     """`plan_of` a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
 
@@ -88,8 +80,8 @@ def _first_order(budget: PoseBudget, poses: Mask) -> dict[str, float]:
     }
 
 
-def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dict[str, Any]:
-    """Expected errors over all poses, and in the hardest cell, the distance and tilt with the largest error.
+def plan_of(expected: Expectation, series: SyntheticViews[Marker]) -> dict[str, Any]:
+    """Expected errors over all poses of a series, and in the hardest cell, the distance and tilt with the largest.
 
     Returns
     -------
@@ -101,8 +93,8 @@ def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dic
         of ``sampled`` poses; the cells also with ``distance`` and ``tilt``. ``draws``: estimates at each sampled pose.
         ``source``: the errors that were counted, in words; ``exact``: what was taken as exact.
     """
-    cells = cells_of(poses)
-    hardest = {}
+    poses, errors = series.poses, series.errors
+    is_calibrated, cells, hardest = errors.camera_covariance is not None, cells_of(poses), {}
     for key in _KEYS:
         values = getattr(expected, key)
         name = max(cells, key=lambda cell: rms(values[cells[cell]]))
@@ -114,8 +106,8 @@ def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dic
         "hardest": hardest,
         "all": _cell(expected, poses, np.ones(len(poses), dtype=bool)),
         "draws": expected.drawn_deg.shape[1],
-        "source": source,
-        "exact": "",
+        "source": source_of(1e3 * errors.print_sigma, is_calibrated, series.marker.places_measured),
+        "exact": _exact(series),
         "views": None,
     }
 
@@ -150,7 +142,7 @@ def compare_views(
     views : mapping
         Summary of the views, see `view_records.summarize`.
     plan : mapping
-        Return value of `headline`.
+        Return value of `plan_of`.
 
     Returns
     -------
@@ -184,10 +176,9 @@ def compare_views(
     }
 
 
-def source_of(print_sigma_mm: float | None, calibrated: bool, measured: bool = False) -> str:
+def source_of(print_sigma_mm: float, calibrated: bool, measured: bool = False) -> str:
     """Name the sources of the expected errors: image noise, the print, and the calibration if its errors are given."""
-    printed = "print errors" if print_sigma_mm is None else f"a print good to {print_sigma_mm:g} mm"
-    printed = "a print as it was measured" if measured else printed
+    printed = "a print as it was measured" if measured else f"a print good to {print_sigma_mm:g} mm"
     return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
 
 

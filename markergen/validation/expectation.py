@@ -113,7 +113,7 @@ def expect(
     series: SyntheticViews[Marker],
     bare_px: float = 0.0,
     seed: int = 0,
-    sample: bool | None = None,
+    sample: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Expectation:
     """Errors to expect at the poses of a series, for its optics, print and calibration.
@@ -124,8 +124,8 @@ def expect(
         Noise of bare points, which have no image, on every coordinate.
     seed : int
         The draws of a pose depend on it and the pose's number alone.
-    sample : bool or None
-        True samples all poses, False none, None those where first order is wrong.
+    sample : bool
+        Sample all poses, not only those where first order is wrong.
     progress : callable or None
         Called with the number of sampled poses done and their total.
     """
@@ -136,11 +136,9 @@ def expect(
     chance, turned_deg, moved_mm = np.zeros(len(poses)), np.zeros(len(poses)), np.zeros(len(poses))
     chance[is_determined], turned_deg[is_determined], moved_mm[is_determined] = _flips(images, is_determined)
     chosen = is_determined.copy()
-    if sample is None:
+    if not sample:
         bent = np.maximum(_curvature(images, is_determined), _calibration_curvature(images, is_determined))
         chosen[is_determined] = (chance[is_determined] > FLIPPING) | (bent > CURVED)
-    elif not sample:
-        chosen[:] = False
     count = _draws(len(poses), int(chosen.sum()) * len(series.marker))
     expected = Expectation(
         rotation_deg,

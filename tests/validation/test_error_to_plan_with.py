@@ -22,13 +22,18 @@ POSES = paper()
 
 
 @pytest.fixture(scope="module")
-def expected(make_ngon):
-    return expect(SyntheticViews(make_ngon(4, 0.05, 0.015), PAPER_CAMERA, POSES, 0, errors=ErrorSources()))
+def series(make_ngon):
+    return SyntheticViews(make_ngon(4, 0.05, 0.015), PAPER_CAMERA, POSES, 0, errors=ErrorSources())
 
 
 @pytest.fixture(scope="module")
-def found(expected):
-    return error_to_plan_with.headline(expected, POSES, "image noise")
+def expected(series):
+    return expect(series)
+
+
+@pytest.fixture(scope="module")
+def found(expected, series):
+    return error_to_plan_with.plan_of(expected, series)
 
 
 def views_of(expected, factor=1.0, lost=0, seed=0, hidden=0):

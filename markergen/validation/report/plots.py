@@ -14,6 +14,7 @@ from markergen.model.body import Plate
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.pages import dome_figure
 from markergen.presentation.plots import (
+    COLORS,
     FAINT,
     INK,
     SERIES,
@@ -288,8 +289,6 @@ def compared(bounds: Mapping[str, float], measured: Mapping[str, float | None], 
     return ax
 
 
-COLORS = "YlOrBr"
-"""Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""
 UNITS = {"rotation": "deg", "translation": "mm"}
 _ELEVATION, _AZIMUTH = np.deg2rad([24.0, -60.0])
 """Viewing direction of the sphere."""
