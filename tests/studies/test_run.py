@@ -15,7 +15,7 @@ from study_work import cells, noise, refusing, slow_noise
 from markergen.errors import InputError, OutputError
 from markergen.pool import TimeForecast
 from markergen.studies.cells import Cell
-from markergen.studies.engines import ENGINES, EngineOptions, engine_for
+from markergen.studies.engines import ENGINES, engine_for
 from markergen.studies.run import _kind, _of_all_kinds, run_cells
 
 IDENTITY = {"study": "test"}
@@ -41,13 +41,13 @@ def files(folder):
 def alone(tmp_path_factory):
     """Folder of 40 cells that one process computed one after the other."""
     folder = tmp_path_factory.mktemp("alone")
-    run_cells(noise, cells(40), folder, IDENTITY, ENGINES["serial"](EngineOptions()))
+    run_cells(noise, cells(40), folder, IDENTITY, ENGINES["serial"]())
     return folder
 
 
 def test_results_come_in_the_order_of_the_cells(tmp_path):
     wanted = cells(5)[::-1]
-    results = run_cells(noise, wanted, tmp_path, IDENTITY, ENGINES["serial"](EngineOptions()))
+    results = run_cells(noise, wanted, tmp_path, IDENTITY, ENGINES["serial"]())
     assert list(results) == wanted
     assert [int(result["index"]) for result in results.values()] == [4, 3, 2, 1, 0]
     np.testing.assert_array_equal(results[wanted[0]]["values"], noise(wanted[0])["values"])
@@ -68,13 +68,13 @@ def test_a_cell_that_is_asked_for_twice_is_computed_once(tmp_path):
         cells(2) * 2,
         tmp_path,
         IDENTITY,
-        ENGINES["serial"](EngineOptions()),
+        ENGINES["serial"](),
     )
     assert len(calls) == len(results) == 2
 
 
 def test_finished_cells_are_never_computed_again_but_spoiled_ones_are(alone, tmp_path):
-    engine = ENGINES["serial"](EngineOptions())
+    engine = ENGINES["serial"]()
     run_cells(noise, cells(40)[:30], tmp_path, IDENTITY, engine)
     spoiled, cut, calls = cells(40)[3], cells(40)[7], []
     for cell, data in ((spoiled, b"nonsense"), (cut, (tmp_path / "cells" / f"{cut.name}.npz").read_bytes()[:-9])):
@@ -87,7 +87,7 @@ def test_finished_cells_are_never_computed_again_but_spoiled_ones_are(alone, tmp
 def test_progress_counts_and_tells_the_time_left(tmp_path):
     told = []
     run_cells(
-        slow_noise, cells(4), tmp_path, IDENTITY, ENGINES["serial"](EngineOptions()),
+        slow_noise, cells(4), tmp_path, IDENTITY, ENGINES["serial"](),
         progress=lambda *parts: told.append(parts), cost=lambda cell: 0.5 + cell.settings["index"],
     )  # fmt: skip
     assert [(done, total) for done, total, _ in told] == [(done, 4) for done in range(5)]
@@ -119,10 +119,10 @@ def test_a_full_disk_stops_the_study_and_making_room_continues_it(alone, tmp_pat
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
         with pytest.raises(OutputError, match="No space left"):
-            run_cells(noise, cells(40), tmp_path, IDENTITY, ENGINES["serial"](EngineOptions()))
+            run_cells(noise, cells(40), tmp_path, IDENTITY, ENGINES["serial"]())
     # The first file is that which says what study it is.
     assert len(list((tmp_path / "cells").iterdir())) == 11
-    run_cells(noise, cells(40), tmp_path, IDENTITY, ENGINES["serial"](EngineOptions()), resume=True)
+    run_cells(noise, cells(40), tmp_path, IDENTITY, ENGINES["serial"](), resume=True)
     assert files(tmp_path) == files(alone)
 
 

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 
 from markergen.registry import Registry
 from markergen.studies.cells import Cell, Result, Work
@@ -10,11 +9,10 @@ from markergen.studies.cells import Cell, Result, Work
 DEFAULT = "processes"
 
 
-@dataclass(frozen=True)
-class EngineOptions:
-    """User options of engines.
+class Engine(ABC):
+    """Computes cells in any order, each with one thread of linear algebra, so that all engines give the same bits.
 
-    Attributes
+    Parameters
     ----------
     workers : int or None
         Number of processes on this machine; one per processor for None.
@@ -22,15 +20,8 @@ class EngineOptions:
         Address of a running cluster, such as ``tcp://127.0.0.1:8786``.
     """
 
-    workers: int | None = None
-    scheduler: str | None = None
-
-
-class Engine(ABC):
-    """Computes cells in any order, each with one thread of linear algebra, so that all engines give the same bits."""
-
-    def __init__(self, options: EngineOptions = EngineOptions()) -> None:
-        self.options = options
+    def __init__(self, workers: int | None = None, scheduler: str | None = None) -> None:
+        self.workers, self.scheduler = workers, scheduler
 
     @abstractmethod
     def check(self) -> None:
@@ -53,4 +44,4 @@ ENGINES: Registry[type[Engine]] = Registry("engine", "markergen.studies.engines"
 
 def engine_for(workers: int | None = None, scheduler: str | None = None) -> Engine:
     """Return the engine for a cluster if the address of one is given, otherwise for this machine."""
-    return ENGINES["dask" if scheduler else DEFAULT](EngineOptions(workers, scheduler))
+    return ENGINES["dask" if scheduler else DEFAULT](workers, scheduler)

@@ -29,7 +29,7 @@ LOOK_SECONDS = 5.0
 
 @ENGINES.register("dask")
 class Dask(Engine):
-    """Submits the cells to the scheduler at `EngineOptions.scheduler`, and survives the loss of workers.
+    """Submits the cells to the scheduler at `Engine.scheduler`, and survives the loss of workers.
 
     The workers need the same versions of markergen and its libraries; start them with ``--nthreads 1``.
     """
@@ -43,7 +43,7 @@ class Dask(Engine):
                 f"expected Dask for --scheduler, found: {error}; install it with {install('cluster')}"
             ) from None
         del distributed
-        address = self.options.scheduler
+        address = self.scheduler
         try:
             with _quiet():
                 identity = asyncio.run(asyncio.wait_for(self._identity(), ANSWER_SECONDS + 1))
@@ -101,7 +101,7 @@ class Dask(Engine):
         self.check()
         from distributed import Client
 
-        with _quiet(), Client(self.options.scheduler, timeout=ANSWER_SECONDS, set_as_default=False) as client:
+        with _quiet(), Client(self.scheduler, timeout=ANSWER_SECONDS, set_as_default=False) as client:
             yield client
 
     async def _identity(self) -> dict[str, Any]:
@@ -109,7 +109,7 @@ class Dask(Engine):
         from distributed.core import rpc
 
         begin, identity = monotonic(), dict[str, Any]()
-        async with rpc(self.options.scheduler, timeout=ANSWER_SECONDS) as scheduler:
+        async with rpc(self.scheduler, timeout=ANSWER_SECONDS) as scheduler:
             while True:
                 identity = await asyncio.wait_for(scheduler.identity(), begin + ANSWER_SECONDS - monotonic())
                 if identity.get("workers") or monotonic() > begin + ANSWER_SECONDS - 1:
@@ -117,7 +117,7 @@ class Dask(Engine):
                 await asyncio.sleep(0.2)
 
     def _unreached(self, reason: str) -> InputError:
-        where = f"a Dask scheduler at {self.options.scheduler}"
+        where = f"a Dask scheduler at {self.scheduler}"
         return InputError(where, reason, "start one with: dask scheduler; give tcp://HOST:PORT")
 
     def _failure(self, future: "Future") -> Exception:  # type: ignore[name-defined]  # noqa: F821
@@ -139,7 +139,7 @@ class Dask(Engine):
 
     def _lost(self, reason: str) -> MarkergenError:
         return MarkergenError(
-            f"expected a Dask cluster at {self.options.scheduler} to the end, found: {reason}; "
+            f"expected a Dask cluster at {self.scheduler} to the end, found: {reason}; "
             "finished cells remain: fix it, and use --resume"
         )
 

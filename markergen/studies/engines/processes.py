@@ -16,11 +16,11 @@ class Processes(Engine):
 
     def check(self) -> None:
         """Reject an invalid number of workers."""
-        workers_for(self.options.workers, 1)
+        workers_for(self.workers, 1)
 
     def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:
         """See `Engine.run`."""
-        workers = workers_for(self.options.workers, len(cells))
+        workers = workers_for(self.workers, len(cells))
         with closing(as_completed_chunks(work, cells, workers)) as results:
             for index, result in results:
                 yield cells[index], result

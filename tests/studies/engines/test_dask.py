@@ -7,7 +7,7 @@ import pytest
 from study_work import cells, noise, refusing, slow_noise
 
 from markergen.errors import InputError, MarkergenError
-from markergen.studies.engines import ENGINES, EngineOptions, dask, engine_for
+from markergen.studies.engines import ENGINES, dask, engine_for
 from markergen.studies.run import run_cells
 
 IDENTITY = {"study": "test"}
@@ -20,7 +20,7 @@ def files(folder):
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone")
-    run_cells(noise, cells(60), folder, IDENTITY, ENGINES["serial"](EngineOptions()))
+    run_cells(noise, cells(60), folder, IDENTITY, ENGINES["serial"]())
     return folder
 
 

@@ -6,7 +6,7 @@ import pytest
 from study_work import cells, dying, noise
 
 from markergen.errors import InputError, MarkergenError
-from markergen.studies.engines import ENGINES, EngineOptions, engine_for
+from markergen.studies.engines import ENGINES, engine_for
 from markergen.studies.run import run_cells
 
 
@@ -22,7 +22,7 @@ def test_a_number_of_workers_that_cannot_be_is_refused(workers):
 
 
 def test_closing_early_ends_the_processes(tmp_path):
-    run = ENGINES["processes"](EngineOptions(workers=2)).run(noise, cells(20))
+    run = ENGINES["processes"](workers=2).run(noise, cells(20))
     cell, result = next(run)
     assert cell in cells(20)
     assert set(result) == {"values", "product", "index"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from markergen.studies.engines import ENGINES, EngineOptions, engine_for
+from markergen.studies.engines import ENGINES, engine_for
 from markergen.studies.sweep.grid import read_sweep
 from markergen.studies.sweep.run import run_sweep
 
@@ -23,7 +23,7 @@ def files(folder):
 def alone(small, tmp_path_factory):
     """Folder of the small sweep, computed in this process."""
     folder = tmp_path_factory.mktemp("alone")
-    run_sweep(read_sweep(str(small)), folder, ENGINES["serial"](EngineOptions()))
+    run_sweep(read_sweep(str(small)), folder, ENGINES["serial"]())
     return folder
 
 
@@ -69,7 +69,7 @@ def test_ctrl_c_says_how_to_continue(small, alone, tmp_path):
     assert process.returncode == 130
     assert f"cells remain in {folder}; continue" in complaint
     assert "Traceback" not in complaint
-    run_sweep(read_sweep(str(small)), folder, ENGINES["serial"](EngineOptions()), resume=True)
+    run_sweep(read_sweep(str(small)), folder, ENGINES["serial"](), resume=True)
     assert files(folder) == files(alone)
 
 
