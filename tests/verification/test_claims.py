@@ -430,6 +430,14 @@ def test_styles_that_programs_draw_differently_are_refused(marker, files, tmp_pa
         )
 
 
+@pytest.mark.parametrize(
+    "event", [b'<svg onload="document.documentElement.remove()" ', b"<svg\n  onbegin = 'f()' ", b"<svg onclick='f()' "]
+)
+def test_pictures_that_a_script_may_change_are_refused(marker, files, tmp_path, event):
+    with pytest.raises(InputError, match="animation or a script"):
+        check_of(marker, tmp_path, ".svg", files[".svg"].replace(b"<svg ", event, 1))
+
+
 def in_black_and_white(levels):
     return np.where(levels < 128, 0, 255).astype(np.uint8)
 
