@@ -76,6 +76,7 @@ def parse_pdf(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     try:
         if not 1 <= len(document) <= MOST_PAGES:
             raise InputError(f"1 to {MOST_PAGES} pages", str(len(document)), "check the file")
+        document.init_forms()  # fields are on top of what pages draw
         parser = _Parser(ALL_PIXELS // len(document))
         for index in range(len(document)):
             parser.page(document[index], index)
