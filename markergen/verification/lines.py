@@ -26,8 +26,8 @@ EXACT = 5e-4
 NEAREST, FARTHEST = 1.5, 6.0
 """Range in mm of the distance beyond which a line is missing rather than misplaced: half the radius of a hole."""
 
-SPACING, MOST_SAMPLES = 1.0, 2000
-"""Distance in mm of points along a wanted line, and their maximum number."""
+SPACING, MOST_SAMPLES = 0.25, 2000
+"""Distance in mm of points along a wanted line, which shows gaps of as much, and their maximum number."""
 
 GAP = 0.02
 """Share of a line that may be missing without a word: ends of its pieces."""
@@ -177,14 +177,19 @@ def _compared(
         return ["is missing"]
     sentences = []
     if (~there).mean() > GAP + outliers:
-        x, y = points[~there][np.argmax(away[~there])]
-        sentences.append(f"is not complete: nothing at x {_short(x)}, y {_short(y)} mm")
+        sentences.append(_nothing_at(points[~there][np.argmax(away[~there])]))
     there &= away <= np.quantile(away[there], 1 - outliers)
     points, feet, away = points[there], feet[there], away[there]
     if away.max() <= tolerance:
         return sentences
-    whole = line.contour.as_circle
-    return [*sentences, *(_of_circle(whole, feet, tolerance) if whole else _of_shape(line.contour, points, feet, away))]
+    if not (whole := line.contour.as_circle):
+        return [*sentences, *_of_shape(line.contour, points, feet, away)]
+    # What is on the circle, but away from some of its points, ends beside them.
+    return [*sentences, *(_of_circle(whole, feet, tolerance) or [_nothing_at(points[np.argmax(away)])])]
+
+
+def _nothing_at(place: Array) -> str:
+    return f"is not complete: nothing at x {_short(place[0])}, y {_short(place[1])} mm"
 
 
 def _of_circle(whole: tuple[float, float, float], feet: Array, tolerance: float) -> list[str]:
@@ -199,7 +204,7 @@ def _of_circle(whole: tuple[float, float, float], feet: Array, tolerance: float)
     sentences = []
     if apart > tolerance:
         sentences.append(f"is {short_length(apart)} off (x {round(a, 6) + 0.0:+.4g} mm, y {round(b, 6) + 0.0:+.4g} mm)")
-    if abs(fitted - radius) > tolerance or not sentences:
+    if abs(fitted - radius) > tolerance:
         sentences.append(f"has a diameter of {2 * fitted:.6g} mm, not {2 * radius:.6g} mm")
     return sentences
 

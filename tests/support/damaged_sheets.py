@@ -266,6 +266,12 @@ def moved_hole(document, space):
     circles(space, "CUT", 1.7)[1].translate(1, 0, 0)
 
 
+def open_outline(document, space):
+    outline = max(space.query('CIRCLE[layer=="CUT"]'), key=lambda circle: circle.dxf.radius)
+    space.add_arc(outline.dxf.center, outline.dxf.radius, 0, 359, dxfattribs={"layer": "CUT"})
+    space.delete_entity(outline)
+
+
 def smaller(document, space):
     circles(space, "CUT", 50)[0].dxf.radius = 148 / 3
 
@@ -325,6 +331,7 @@ DXF = {
     "hole missing": (drawn(without_hole), "hole", "is missing"),
     "hole moved": (drawn(moved_hole), "hole", "is 1 mm off"),
     "outline small": (drawn(smaller), "outline", "has a diameter of 98.666"),
+    "outline open": (drawn(open_outline), "outline", "the outline is not complete: nothing at x"),
     "polygon": (drawn(polygon), "outline", "is not round: its sides are up to 0.4278 mm off"),
     "layer off": (drawn(lambda document, space: document.layers.get("ENGRAVE").off()), "hidden", "switched off"),
     "inches": (drawn(unit), "scaled", "mm taken for inch"),
