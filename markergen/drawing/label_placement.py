@@ -23,7 +23,7 @@ def place_numbers(
     ink: Array,
     boxes: Sequence[Box] = (),
 ) -> list[tuple[float, float] | None]:
-    """Find centers (x, y) in mm for the dots' numbers; None for a dot without a free position.
+    """Find centers (x, y) in mm for the numbers of the first dots; None for a dot without a free position.
 
     A number stands as close to its dot as the quiet zone permits, outward if possible, and closer to its dot than to
     any other, so that it is not mistaken for the neighbor's.
@@ -31,11 +31,11 @@ def place_numbers(
     Parameters
     ----------
     labels : sequence of str
-        One per dot.
+        One for each dot that needs one.
     height : float
         Digit height, mm.
     rooms : sequence of box
-        Bounds of each dot's number.
+        Bounds of each number.
     center : (x, y)
         Point from which "outward" is measured.
     ink : array (m, 2)

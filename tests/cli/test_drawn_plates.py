@@ -158,7 +158,7 @@ def test_the_fabrication_drawing_has_the_drawing_s_sizes(made):
     (holes,) = [table for table in work.tables if table.title.startswith("Holes")]
     wanted = {"flange": ["80", "9", "9", "9", "9"], "plate": ["8.5"]}[made.kind]
     assert sorted(row[3].removeprefix("\xd8") for row in holes.rows) == sorted(wanted)
-    assert {row[5] for row in holes.rows} == {"as drawn"}
+    assert {row[5] for row in holes.rows} == {"plain"}
 
 
 def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):

@@ -26,6 +26,7 @@ from markergen.workshop.drafting.drawing import (
     Control,
     Datum,
     DrawingTable,
+    exact,
     millimeters,
 )
 from markergen.workshop.drafting.features import (
@@ -43,6 +44,7 @@ from markergen.workshop.drafting.features import (
     recesses_of,
     use_words,
 )
+from markergen.workshop.engraving import DEPTH as ENGRAVED
 from markergen.workshop.iso286 import SizeLimits
 from markergen.workshop.processes import Made
 
@@ -61,8 +63,9 @@ APART = 0.25
 LOCATING, MILLED = 0.04, 0.1
 """Maximum diameter in mm of the zones of holes that locate, and of dots' where such holes have a fit by default."""
 
-PROFILE = 0.2
-"""Width in mm of the zone of outlines that dimensions alone do not describe."""
+PROFILE, OUTLINE = 0.2, 1.0
+"""Widths in mm of the zones of outlines that dimensions alone do not describe, and of others about datums within them:
+general tolerances do not say where they are, and allow 0.5 mm of most sizes."""
 
 
 def located_holes(marker: Marker, fabrication: Fabrication, made: Made) -> tuple[PlateHole, ...]:
@@ -162,7 +165,7 @@ def _bored(letter: str, hole: PlateHole) -> Datum:
 
 
 def _axis(x: float, y: float) -> str:
-    return f"x = {millimeters(x)}, y = {millimeters(y)}"
+    return f"x = {exact(x)}, y = {exact(y)}"
 
 
 def _edges(outer: Contour) -> tuple[Datum, ...]:
@@ -182,7 +185,7 @@ def _edges(outer: Contour) -> tuple[Datum, ...]:
             # Clear of the dimensions, which end at the lower left and at the origin.
             at = (low[0] + 3 * high[0]) / 4, (low[1] + 3 * high[1]) / 4
             which = (("lower", "upper"), ("left", "right"))[along][outward > 0]
-            place = f"{name} = {millimeters(a[1 - along])}"
+            place = f"{name} = {exact(a[1 - along])}"
             rank = round(abs(step), 6) * (1.0 if outward > 0 else 1.5)
             if best is None or rank > best[0]:
                 best = rank, Datum(letter, "edge", f"{which} edge", place, at, out)
@@ -196,12 +199,12 @@ def letters(datums: Sequence[Datum]) -> tuple[str, ...]:
     return tuple(datum.letter for datum in datums)
 
 
-def located(zone: float, datums: Sequence[Datum], of: str = "") -> Control:
-    """Position within a zone of a diameter in mm.
+def located(zone: float, datums: Sequence[Datum], of: str = "", count: int = 1) -> Control:
+    """Position of a number of features within zones of a diameter in mm.
 
-    Where the datums leave a freedom, the features form one pattern: CZ, combined zone (ISO 5458).
+    Where the datums leave a freedom, several features form one pattern: CZ, combined zone (ISO 5458).
     """
-    combined = "" if len(datums) == 3 else " CZ"
+    combined = " CZ" if len(datums) < 3 and count > 1 else ""
     return Control("position", f"{diameter(zone)}{combined}", letters(datums), of)
 
 
@@ -210,14 +213,21 @@ def flat(made: Made) -> Control:
     return Control("flatness", millimeters(made.accuracy.flatness))
 
 
-def dot_controls(made: Made, datums: Sequence[Datum]) -> tuple[Control, ...]:
-    """Positions of what is made for the dots and, where discs have play in it, of the finished dots."""
+def is_through(dot: SolidDot, made: Made) -> bool:
+    """True if a dot is a hole through the plate."""
+    bottom = span_of(made.parts)[0]
+    return any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+
+
+def dot_controls(made: Made, datums: Sequence[Datum], dots: Sequence[SolidDot]) -> tuple[Control, ...]:
+    """Positions of what is made for some dots and, where discs have play in it, of the finished dots."""
     accuracy = made.accuracy
     if not accuracy.position:
         return ()
-    if not accuracy.play:
-        return (located(accuracy.position, datums),)
-    return (located(accuracy.position, datums, "pockets"), located(zone_of_dots(made), datums, "dots"))
+    if not accuracy.play or all(is_through(dot, made) for dot in dots):
+        return (located(accuracy.position, datums, count=len(dots)),)
+    zones = ("pockets", accuracy.position), ("dots", zone_of_dots(made))
+    return tuple(located(zone, datums, of, len(dots)) for of, zone in zones)
 
 
 def zone_of_dots(made: Made) -> float:
@@ -225,12 +235,12 @@ def zone_of_dots(made: Made) -> float:
     return round(2 * made.accuracy.center + 1e-9, 3)
 
 
-def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[Control, str]:
-    """Tolerance of a hole with the letter of the datum that it is, if any."""
+def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum], count: int = 1) -> tuple[Control, str]:
+    """Tolerance of a hole, one of a number alike, with the letter of the datum that it is, if any."""
     zone = min(made.accuracy.position or LOCATING, LOCATING) if hole.locates else hole.zone
     hole_datum = next((datum for datum in datums if datum.kind == "hole" and datum.at == hole.place), None)
     if hole_datum is None:
-        return located(zone, datums), ""
+        return located(zone, datums, count=count), ""
     before = datums[: datums.index(hole_datum)]
     if len(before) == 1:
         return Control("perpendicularity", f"{diameter(zone)}", letters(before)), hole_datum.letter
@@ -238,16 +248,16 @@ def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum]) -> tuple[
 
 
 def tolerance_tables(
-    made: Made, datums: Sequence[Datum], general: str, holes: Sequence[PlateHole]
+    made: Made, datums: Sequence[Datum], general: str, holes: Sequence[PlateHole], dots: Sequence[SolidDot]
 ) -> tuple[DrawingTable, ...]:
     """Tables of the datums, of all tolerances, and of fits, if any."""
     rows = tuple((datum.letter, datum.text, datum.place) for datum in datums)
     headings = ("datum", "feature", "marker frame, exact")
     features = DrawingTable("Datums, and the marker frame in them", headings, rows, (0, 1, 2))
-    return (features, _tolerance_table(made, datums, general), *_fit_table(made, holes))
+    return (features, _tolerance_table(made, datums, general, dots), *_fit_table(made, holes))
 
 
-def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> DrawingTable:
+def _tolerance_table(made: Made, datums: Sequence[Datum], general: str, dots: Sequence[SolidDot]) -> DrawingTable:
     """All tolerances in words."""
     accuracy = made.accuracy
     to = " to " + ", ".join(letters(datums))
@@ -255,11 +265,18 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawi
     rows.append(("face A", f"flatness {millimeters(accuracy.flatness)}"))
     rows.append(("back of the plate", f"parallelism {millimeters(accuracy.flatness)} to A"))
     rows.append(("thickness of the plate", f"{PLUS_MINUS}{millimeters(accuracy.thickness)}"))
+    if sides := [datum.letter for datum in datums if datum.kind in ("edge", "rim")]:
+        rows.append((f"plate's side at {', '.join(sides)}", f"perpendicularity {millimeters(accuracy.flatness)} to A"))
+    elif len(datums) > 1:
+        rows.append(("outline" + to, f"profile {millimeters(OUTLINE)}"))
     if accuracy.position:
-        what = "axes of pockets" if accuracy.play else "centers of dots"
-        rows.append((what + to, f"position {diameter(accuracy.position)}"))
-        if accuracy.play:
-            rows.append(("finished dots" + to, f"position {diameter(zone_of_dots(made))}"))
+        through, inlaid = (any(is_through(dot, made) == is_open for dot in dots) for is_open in (True, False))
+        zone = f"position {diameter(accuracy.position)}"
+        if accuracy.play and inlaid:
+            rows.append(("axes of pockets" + to, zone))
+            rows.append((f"finished dots{' in pockets' * through}{to}", f"position {diameter(zone_of_dots(made))}"))
+        if through or not accuracy.play:
+            rows.append((f"centers of {'through ' * (through and inlaid)}dots{to}", zone))
         if not any(kind == "dot" for kind, _ in made.fits):
             rows.append(("diameters of dots", f"{PLUS_MINUS}{millimeters(accuracy.diameter)}"))
     if any(body.span[0] > made.bottom + SAME for body in made.cut):
@@ -269,7 +286,8 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawi
         rows.append(("depth of the engraved dots", deep))
     if made.add:
         rows.append(("tops of pillars above A", f"{PLUS_MINUS}{millimeters(accuracy.height)}"))
-    if made.engraved:
+    on_back = (body.span for plate in made.plates for body in plate.cut if body.span[0] < made.bottom + SAME)
+    if any(abs(top - made.bottom - ENGRAVED) < SAME for _, top in on_back):
         rows.append(("depth of the engraving on the back", _over(0.1)))
     return DrawingTable("Tolerances, mm", ("what", "tolerance"), (*rows, *made.tolerances), (0, 1))
 
@@ -313,7 +331,7 @@ def callouts_of(
         *_hole_callouts(holes, made, datums, union(*(box(outer) for outer, *_ in plate_of(marker).outlines))),
         *_outline_callouts(marker, made, datums),
         *_recess_callouts(made, datums),
-        *_tag_callout(marker),
+        *_tag_callout(marker, made, datums),
     )
 
 
@@ -321,17 +339,18 @@ def _dot_callouts(
     dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
 ) -> list[Callout]:
     callouts = []
-    kinds, controls = alike(dots), dot_controls(made, datums)
+    kinds = alike(dots)
     if len(kinds) > MOST_KINDS:
         places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
-        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
+        words = f"{len(places)} dots of {len(kinds)} sizes", "see the table"
+        return [Callout(words, places, controls=dot_controls(made, datums, dots))]
     # S stands for a sphere (ISO 129).
     sphere = "S" if PROCESSES[fabrication.process].balls else ""
     for (radius, inner), group in kinds:
         names = f"{'ring' if inner else 'dot'}{'s' if len(group) > 1 else ''} {ranges([dot.id for dot in group])}"
         places = tuple((dot.x, dot.y, dot.radius) for dot in group)
         lines = _dot_lines(_times(group), f"{sphere}{DIAMETER}", radius, inner, group[0], made)
-        callouts.append(Callout((*lines, names), places, controls=controls))
+        callouts.append(Callout((*lines, names), places, controls=dot_controls(made, datums, group)))
     return callouts
 
 
@@ -339,15 +358,14 @@ def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot
     """Diameters of a kind of dot, with their fits or tolerances."""
     outer, core = millimeters(2 * radius), millimeters(2 * inner)
     fits = {(kind, round(fit.disc.diameter, 6)): fit for kind, fit in made.fits}
-    bottom = span_of(made.parts)[0]
-    through = any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+    through = is_through(dot, made)
     if (fit := fits.get(("dot", round(2 * radius, 6)))) and not through:
         bore = fits.get(("core", round(2 * inner, 6)))
         lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
         lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
         return lines
     off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
-    ring = f" / {DIAMETER}{core}" if inner else ""
+    ring = f"{off.replace(' printed', '')} / {DIAMETER}{core}" if inner else ""
     return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
 
 
@@ -367,7 +385,7 @@ def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datu
         places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in rest)
         zones: dict[Control, list[str]] = {}
         for hole in rest:
-            zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
+            zones.setdefault(hole_control(hole, made, datums, len(rest))[0], []).append(hole.label)
         controls = [replace(control, of=_labels(names) if len(zones) > 1 else "") for control, names in zones.items()]
         callouts.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
     for kind_holes in kinds:
@@ -383,7 +401,7 @@ def _hole_callout(
 ) -> Callout:
     """Callout of holes, which may be some of the `count` that are evenly spaced on their pitch circle."""
     first = group[0]
-    control, letter = hole_control(first, made, datums)
+    control, letter = hole_control(first, made, datums, len(group))
     limits = f" {first.limits.words}" if first.limits else ""
     names = _labels([hole.label for hole in group])
     lines = [
@@ -402,7 +420,7 @@ def _hole_callout(
         else:
             lines += [f"{names} of {count} evenly spaced", f"from [{angle:g}\xb0], {on}"]
     elif len(group) <= MOST_PLACES:
-        lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
+        lines += [f"{hole.label} at x [{exact(hole.x)}], y [{exact(hole.y)}]" for hole in group]
     else:
         lines.append(f"{names}, places in the table")
     places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in group)
@@ -478,7 +496,7 @@ def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
             else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
         )
         middle = (left + right) / 2, (bottom + top) / 2
-        at = (f"center at x [{millimeters(middle[0])}], y [{millimeters(middle[1])}]",) if hypot(*middle) > SAME else ()
+        at = (f"center at x [{exact(middle[0])}], y [{exact(middle[1])}]",) if hypot(*middle) > SAME else ()
         lines = (size, *at, _depth_words(recess, made))
         control = located(RECESS, datums)
         if not recess.outer.as_circle:
@@ -497,7 +515,7 @@ def _times(places: Sequence[object]) -> str:
     return f"{len(places)}x " if len(places) > 1 else ""
 
 
-def _tag_callout(marker: Marker) -> list[Callout]:
+def _tag_callout(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[Callout]:
     if marker.tag is None:
         return []
     side = mm(marker.tag.side)
@@ -505,6 +523,9 @@ def _tag_callout(marker: Marker) -> list[Callout]:
     lines = (
         f"tag {marker.tag}",
         f"black square {millimeters(side)} x {millimeters(side)}",
-        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
+        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)},",
+        "which ones as in the STEP file",
     )
-    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),), area=((x, y, side / 2),))]
+    # Printed sheets come with it.
+    controls = (Control("profile", millimeters(PROFILE), letters(datums)),) if made.accuracy.position else ()
+    return [Callout(lines, ((x + side / 2, y + side / 4, 0.0),), controls=controls, area=((x, y, side / 2),))]

@@ -17,7 +17,14 @@ from markergen.solid.plate import plate_of
 from markergen.solid.primitives import OFF, SAME, Part, Primitive, Revolved, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
-from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, located_holes, tolerance_tables
+from markergen.workshop.drafting.callouts import (
+    callouts_of,
+    datums_of,
+    flat,
+    is_through,
+    located_holes,
+    tolerance_tables,
+)
 from markergen.workshop.drafting.drawing import (
     Callout,
     Control,
@@ -49,7 +56,7 @@ from markergen.workshop.projection import BACK, cut_along, elevation, seen
 
 BOXED = (
     "Coordinates in tables and sizes in boxes are theoretically exact: the zones of the positions are centered there. "
-    "Sizes in parentheses are given elsewhere."
+    "Sizes in parentheses, and those that sections and tables repeat, are given elsewhere."
 )
 FRAME = (
     "Marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in the plane of the dots that "
@@ -106,7 +113,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         sections=sections,
         tables=(
             *tables_of(marker, made, holes),
-            *tolerance_tables(made, datums, fabrication.general_tolerance, holes),
+            *tolerance_tables(made, datums, fabrication.general_tolerance, holes, dots),
         ),
         key=_key(made, bool(back), bool(sections)),
         notes=tuple(_notes(marker, made, callouts, back, holes)),
@@ -203,9 +210,9 @@ def _notes(
     if substrate.chamfer:
         notes.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
     notes += made.lines
-    if made.engraved:
-        # What is engraved besides letters is the cross at the origin.
-        cross = any(face.material == "engraved" for face in back)
+    # What is engraved besides letters is the cross at the origin.
+    cross = any(face.material == "engraved" for face in back)
+    if made.engraved or cross:
         notes.append(_engraved(made, cross, len(marker.control_points)))
     return [*notes, AFTERWARDS]
 
@@ -216,7 +223,8 @@ def _engraved(made: Made, cross: bool, dots: int) -> str:
     ids = sorted({text.height for text in made.engraved if text.lines[0].isdecimal()})
     parts = []
     if title:
-        parts.append(f'"{" / ".join(title.lines)}" in capitals of {millimeters(title.height)} mm')
+        lines = ", below it ".join(f'"{line}"' for line in title.lines)
+        parts.append(f"{lines}, in letters whose capitals are {millimeters(title.height)} mm high")
     if ids:
         sizes = " or ".join(millimeters(height) for height in ids)
         behind = "the dots their ids" if len(names) == dots else f"dots {ranges(names)} their ids"
@@ -232,8 +240,9 @@ MOST_CORNERS = 40
 
 def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[DrawingTable, ...]:
     """Tables of control points, any holes, cut-outs, outline, pillars, the tag's corners, and parts."""
+    is_raised = any(point.z for point in marker.control_points)
     points = DrawingTable(
-        "Centers of the dots, mm, theoretically exact",
+        f"Centers of the dots, mm{'; x, y' if is_raised else ','} theoretically exact",
         ("id", "x", "y", "z", "diameter", "inner"),
         tuple(
             (
@@ -304,7 +313,7 @@ def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
 
 def _corners(contour: Contour) -> tuple[tuple[str, ...], ...]:
     def side(bulge: float, radius: float) -> str:
-        return f"arc R{millimeters(radius)} to the {'left' if bulge > 0 else 'right'}" if bulge else "line"
+        return f"arc R{millimeters(radius)}, {'counterclockwise' if bulge > 0 else 'clockwise'}" if bulge else "line"
 
     return tuple((_fixed(a[0]), _fixed(a[1]), side(bulge, radius_of((a, b, bulge)))) for a, b, bulge in contour.sides)
 
@@ -332,7 +341,9 @@ def _part_list(parts: Sequence[Part]) -> DrawingTable:
     rows = tuple(
         (str(len(names)), _names(names), material, size, volume) for (material, size, volume), names in groups.items()
     )
-    return DrawingTable("Parts", ("pieces", "name", "color", "size, mm", "volume each, cm\xb3"), rows, (1, 2, 3))
+    return DrawingTable(
+        "Parts", ("pieces", "name", "color", "size as drawn, mm", "volume each, cm\xb3"), rows, (1, 2, 3)
+    )
 
 
 def _size(part: Part) -> str:
@@ -422,7 +433,8 @@ def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: 
             (fit for name, fit in made.fits if name == kind and abs(fit.disc.diameter - 2 * radius) < SAME), None
         )
 
-    fit, core = fitted("dot", dot.radius), fitted("core", dot.inner)
+    fit = None if is_through(dot, made) else fitted("dot", dot.radius)
+    core = fitted("core", dot.inner)
     most = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
     sizes: dict[float, str] = {}
     if fit and not fit.gap:
@@ -436,10 +448,9 @@ def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: 
         sizes[round(dot.inner, 6)] = f"{diameter(2 * dot.inner)}{bore}"
     for body in pockets:
         r = round(body.radii[1], 6)
-        label = diameter(2 * r)
         if fit and abs(r - dot.radius - fit.gap) < SAME:
-            label = f"{diameter(fit.pocket.diameter)} {fit.pocket.words}"
-        sizes.setdefault(r, f"{label} pocket")
+            sizes.setdefault(r, f"{diameter(fit.pocket.diameter)} {fit.pocket.words} pocket")
+        sizes.setdefault(r, f"{diameter(2 * r)}{most} pocket")
     for body in pillars:
         sizes.setdefault(round(body.radii[1], 6), f"({diameter(2 * body.radii[1])}) foot")
     return sizes

@@ -252,3 +252,8 @@ def around(faces: tuple[ViewFace, ...]) -> Box:
 def millimeters(value: float) -> str:
     """Format a length in mm for a drawing: whole microns, no trailing zeros."""
     return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
+
+
+def exact(value: float) -> str:
+    """Format a theoretically exact coordinate in mm: as in tables, without trailing zeros."""
+    return f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")

@@ -92,7 +92,7 @@ def use_words(hole: PlateHole) -> str:
     """Use of a hole: ``for screw M3``, ``for a 4 mm pin``."""
     name = hole.name[:24]
     if hole.use == "drawn":
-        return "locates the plate" if hole.locates else "as drawn"
+        return "locates the plate" if hole.locates else "plain"
     if hole.use == "dowel":
         return f"for a {name or 'dowel pin'}"
     return f"for screw {name}" if name else "for a screw"

@@ -513,6 +513,7 @@ def _face_work(plate: Plate, made: MadeBody, k: int, fabrication: Fabrication) -
     return replace(
         work,
         side=side,
+        listed=True,
         sections=sections,
         tables=tables,
         parallelism=None,

@@ -119,9 +119,9 @@ def projection_symbol(x: float, y: float, height: float, first: bool) -> list[Sh
     middle, big, small = y + height / 2, height / 2, height / 4
     cone = x if first else x + 1.6 * height
     ring = x + 1.9 * height if first else x + height / 2
-    low, high = (big, small) if first else (small, big)
-    # The wide end is on the left in first-angle projection, and its rings to the right.
-    sides = ((cone, middle - low), (cone + height, middle - high), (cone + height, middle + high), (cone, middle + low))
+    end = cone + height
+    # Both rings show from the left, the narrow end; in first-angle projection that view is on the right.
+    sides = ((cone, middle - small), (end, middle - big), (end, middle + big), (cone, middle + small))
     shapes: list[Shape] = [closed_line(sides, THIN)]
     shapes += [_circle(ring, middle, radius) for radius in (big, small)]
     over = 0.12 * height

@@ -43,7 +43,7 @@ from markergen.drawing.text import text_width
 from markergen.errors import InputError
 from markergen.geometry.region import line_distances
 from markergen.workshop.drafting.details import SCALES, stacked, stacked_at
-from markergen.workshop.drafting.drawing import Callout, Control, Workpiece, around, millimeters
+from markergen.workshop.drafting.drawing import Callout, Control, Workpiece, around, exact, millimeters
 from markergen.workshop.drafting.pen import (
     CLOSE,
     THIN,
@@ -357,18 +357,18 @@ def _outer_numbers(
 ) -> list[Shape]:
     """Numbers beside the dots that are too small for them, and the labels of holes."""
     # No quiet zone here: only the dot or the hole itself must stay clear.
-    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.name not in inner]
+    rooms = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels]
+    rest = [(label, radius) for label, radius in rooms if label.name not in inner]
     rest += [(hole, 0.55 * view.scale * hole.radius + 0.5 * MARK * style.scale) for hole in work.holes]
     if not rest:
         return []
     names = [label.name for label, _ in rest]
-    dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
+    others = [(label, radius) for label, radius in rooms if label.name in inner]
+    dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in (*rest, *others)]
     height = style.least
     outline = view.box(around(work.front))
     ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
-    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.name in inner]
-    boxes = [bounds(disk) for disk in inside_]
-    places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
+    places = place_numbers(dots, names, height, [outline] * len(names), view.at((0.0, 0.0)), ink)
     shapes: list[Shape] = []
     spots = np.array([(*view.at((spot.x, spot.y)), view.scale * spot.radius) for spot in (*work.labels, *work.holes)])
     edges = _edge_points(work, view)
@@ -423,7 +423,7 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
         low, foot = around(work.front)[:2]
         for letter, axis, end in (("C", 0, low), ("B", 1, foot)):
             at = edges[letter].at[axis] if letter in edges else end
-            size = f"[{millimeters(abs(at))}]" if letter in edges else said(abs(at))
+            size = f"[{exact(abs(at))}]" if letter in edges else said(abs(at))
             if abs(at) < SHORT:
                 continue
             if letter == "C":
@@ -439,8 +439,9 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     end = side.box(around(work.side))[2]
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)
-    label = lettering("seen from -y", left, upper + 1.5 * style.scale, style.words, color=GRAY, name="side-words")
-    return [*shapes, label]
+    # A face of a body has a frame of its own.
+    words = f"seen from -y{' of this face' * (work.parallelism is None)}"
+    return [*shapes, lettering(words, left, upper + 1.5 * style.scale, style.words, color=GRAY, name="side-words")]
 
 
 def _ordered(a: float, b: float) -> tuple[float, float]:

@@ -128,7 +128,10 @@ def _lines(
     if inlaid and fabrication.gap is not None:
         lines.append(f"Pockets are {fabrication.gap * 1e3:.6g} mm larger than their discs all around, as drawn.")
     elif fits and fabrication.fit == "press":
-        lines.append("Press fit P7/h6 (ISO 286): discs and pockets are drawn at their nominal size; chamfer the discs.")
+        lines.append(
+            "Press fit P7/h6 (ISO 286): discs and pockets are drawn at their nominal size; "
+            "chamfer the lower rims of the discs."
+        )
     elif fits:
         play = max(fit.play for fit in fits.values())
         lines.append(
@@ -136,11 +139,13 @@ def _lines(
             f"the discs in, centered: they may lie off by up to {ceil(play * 1e3 - 1e-9) / 1e3:.3f} mm."
         )
     if marker.tag:
-        lines.append(f"The tag's corners are rounded by {cutting.corner:.6g} mm on inlays and pockets alike.")
+        gap = f"; pockets are {cutting.tag_gap:.6g} mm larger all around" if cutting.tag_gap else ""
+        lines.append(f"The tag's corners are rounded by {cutting.corner:.6g} mm on inlays and pockets alike{gap}.")
     if fabrication.through:
         lines.append("Break no edge of the holes on the face: their upper rims are the dots.")
     lines.append(
-        "Plate light and matte, discs dark and matte: black anodized, or painted before they are put in."
+        "Plate light and matte, discs dark and matte: black anodized, or painted before they are put in, with the "
+        "sizes here when finished."
         if inlaid
         else "Plate light and matte, with something dark and matte behind it."
     )

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from workpieces import MARKERS, case, ngon
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle, placed
@@ -91,7 +92,7 @@ def test_holes_that_are_alike_are_called_out_once_with_their_pitch_circle():
     assert [(callout.datum, callout.controls[0].symbol) for callout in pins] == [
         ("B", "perpendicularity"), ("C", "position")
     ]  # fmt: skip
-    assert lines["\xd820 / \xd810 \xb10.1"].lines[1] == "ring 0"
+    assert lines["\xd820 \xb10.1 / \xd810 \xb10.1"].lines[1] == "ring 0"
     assert lines["4x \xd820 \xb10.1"].lines[1] == "dots 1 to 4"
     assert lines["tag apriltag:36h11:3"].lines[1] == "black square 30 x 30"
 
@@ -111,10 +112,10 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     (table,) = [table for table in work.tables if table.title.startswith("Holes")]
     own = len(marker.substrate.holes)
     assert [row[3:] for row in table.rows[own:]] == [
-        ("\xd820", "-", "as drawn"), *[("\xd89", "-", "as drawn")] * 4
+        ("\xd820", "-", "plain"), *[("\xd89", "-", "plain")] * 4
     ]  # fmt: skip
     (corners,) = [table for table in work.tables if table.title == "Cut-out S1, 16 x 6 mm"]
-    assert {row[2] for row in corners.rows} == {"line", "arc R3 to the right"}
+    assert {row[2] for row in corners.rows} == {"line", "arc R3, clockwise"}
     assert work.round
 
 
@@ -176,7 +177,7 @@ def test_an_outline_that_is_no_rectangle_has_its_corners_listed():
     skew = Polygon((((-0.2, -0.2), (0.2, -0.2), (0.3, 0.2), (-0.2, 0.2)),))
     work, _ = described(make(tag=False, corner_radius=0.01, outline=skew))
     (table,) = [table for table in work.tables if table.title.startswith("Outline")]
-    arcs = [row for row in table.rows if row[2] == "arc R10 to the left"]
+    arcs = [row for row in table.rows if row[2] == "arc R10, counterclockwise"]
     assert (len(arcs), len(table.rows)) == (4, 8)
     (words,) = [callout for callout in work.callouts if callout.lines[0] == "outline, all around"]
     assert words.controls[0].datums == ("A", "B", "C")
@@ -399,3 +400,29 @@ def test_datums_and_fits_are_those_asked_for():
 def test_datums_and_fits_that_the_plate_does_not_have_are_refused(choices):
     with pytest.raises(InputError):
         described(flange(), process="cnc", **choices)
+
+
+def test_dots_that_are_holes_have_neither_pockets_nor_play():
+    work, _ = described(case(ngon(5, 0.04), Circle(0.06), 0.01), process="cnc", through=True)
+    ring, dots = work.callouts
+    assert dots.lines[0] == "4x \xd810 \xb10.05 through"
+    assert [(control.of, control.zone) for control in dots.controls] == [("", "\xd80.04 CZ")]
+    assert [(control.of, control.zone) for control in ring.controls] == [("pockets", "\xd80.04"), ("dots", "\xd80.09")]
+    assert [span.text for span in work.sections[1].across] == ["\xd810 \xb10.05"]
+    rows = dict(row for table in work.tables for row in table.rows if table.title == "Tolerances, mm")
+    assert rows["centers of through dots to A, B"] == "position \xd80.04"
+    assert rows["finished dots in pockets to A, B"] == "position \xd80.09"
+
+
+def test_a_cross_alone_on_the_back_has_its_depth():
+    work, _ = described(case(ngon(4, 0.005), Circle(0.007), 0.0025), process="cnc", tool=0.0005)
+    assert not work.engraved
+    assert any(note.startswith("Engrave the back 0.3 mm deep") and "a cross" in note for note in work.notes)
+    assert any("engraving" in row[0] for table in work.tables for row in table.rows)
+
+
+def test_sides_that_are_datums_are_square_to_the_face():
+    rows = [row for table in described(MARKERS["many"])[0].tables for row in table.rows]
+    assert ("plate's side at B, C", "perpendicularity 0.3 to A") in rows
+    rows = [row for table in described(MARKERS["disk"])[0].tables for row in table.rows]
+    assert ("plate's side at B", "perpendicularity 0.3 to A") in rows

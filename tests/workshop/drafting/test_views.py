@@ -16,6 +16,7 @@ from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
 from markergen.model.tag import Tag
 from markergen.workshop.drafting.pen import DARK, Lettering
+from markergen.workshop.drafting.symbols import projection_symbol
 from markergen.workshop.drafting.views import drawing_area, front_page
 
 
@@ -240,3 +241,27 @@ def test_the_paper_is_a4_or_a3_or_what_is_asked_for():
     assert paper("small", SheetOptions(orientation="portrait")) == "A4"
     with pytest.raises(InputError, match="paper that a fabrication"):
         paper("disk", SheetOptions("100x100mm", margin=0.013))
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_the_symbol_of_projection_is_that_of_its_name(first):
+    # Both rings show from the narrow end, the left one; in first-angle projection what is on the left is on the right.
+    cone, ring, *_ = projection_symbol(0.0, 0.0, 8.0, first)
+    (left, *_), (right, *_) = min(cone.path_points), max(cone.path_points)
+    heights = {x: max(v for u, v in cone.path_points if u == x) for x in (left, right)}
+    assert heights[left] < heights[right]
+    assert (bounds(ring)[0] > right) == first
+    assert (bounds(ring)[2] < left) != first
+
+
+def test_numbers_are_nearest_to_their_dots():
+    # The middle one of three dots in a row has no room for its number.
+    points = [[-0.09, 0.05], [0.08, 0.05], [0.0862, 0.05], [0.0924, 0.05], [-0.09, -0.05]]
+    marker = case(points, Polygon((((-0.1, -0.06), (0.1, -0.06), (0.1, 0.06), (-0.1, 0.06)),)), 0.005)
+    page = front_page(described(marker), SheetOptions())
+    places = {shape.name: shape for shape in page.shapes if shape.name.startswith("number-")}
+    for k in range(5):
+        left, bottom, right, top = bounds(places[f"number-{k}"])
+        center = np.array([(left + right) / 2, (bottom + top) / 2]) - page.origin
+        away = np.linalg.norm(1e3 * page.scale * np.array(points) - center, axis=1)
+        assert np.argmin(away) == k
