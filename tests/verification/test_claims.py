@@ -434,8 +434,8 @@ def test_a_field_over_a_dot_of_a_pdf_is_named(marker, files, tmp_path):
     left, bottom, right, top = box_of(dot_two(pypdfium2.PdfDocument(files[".pdf"])[0]))
     field = (
         f"90 0 obj << /Type /Annot /Subtype /Widget /FT /Tx /T (name) /F 4 /Rect [{left} {bottom} {right} {top}] "
-        "/AP << /N 91 0 R >> >> endobj\n91 0 obj << /Type /XObject /Subtype /Form /BBox [0 0 9 9] /Length 21 >> stream\n"
-        "1 1 1 rg 0 0 9 9 re f\nendstream endobj\nxref"
+        "/AP << /N 91 0 R >> >> endobj\n91 0 obj << /Type /XObject /Subtype /Form /BBox [0 0 9 9] /Length 21 >> "
+        "stream\n1 1 1 rg 0 0 9 9 re f\nendstream endobj\nxref"
     )
     data = files[".pdf"].replace(b"/Type /Catalog", b"/AcroForm << /Fields [ 90 0 R ] >> /Type /Catalog")
     data = data.replace(b"/TrimBox", b"/Annots [ 90 0 R ] /TrimBox", 1).replace(b"\nxref", b"\n" + field.encode(), 1)

@@ -443,12 +443,9 @@ def _relation_tables(
     """Datums of the whole, and the tolerances of its faces in words."""
     if not made.block:
         return []
+    marked = {plate.name for plate in rig.markers}
     names = tuple(
-        (
-            letter,
-            f"face {side.name}" if side.name in {plate.name for plate in rig.markers} else f"bare {side.name}",
-            _plane(side),
-        )
+        (letter, f"face {side.name}" if side.name in marked else "bare side", _plane(side))
         for letter, side in zip(LETTERS, datums, strict=False)
     )
     rows = []
@@ -460,8 +457,15 @@ def _relation_tables(
             for control in controls
         ]
         first = frames[0] + (f", [{round(float(angle), 3):g}\xb0]" if "angularity" in frames[0] else "")
-        dots = "on its sheet, to A, B, C" if any(side.name == plate.name for plate in rig.markers) else "-"
-        rows.append((side.name, first, frames[1] if len(frames) > 1 else "datum", dots))
+        dots = "on its sheet, to A, B, C" if side.name in marked else "-"
+        rows.append(
+            (
+                side.name if side.name in marked else f"bare, {_plane(side)}",
+                first,
+                frames[1] if len(frames) > 1 else "datum",
+                dots,
+            )
+        )
     return [
         DrawingTable("Datums of the whole", ("datum", "feature", "rig frame, exact"), names, (0, 1, 2)),
         DrawingTable(
