@@ -19,7 +19,7 @@ from markergen.geometry.contour import Contour, box, center_of, flattened, radiu
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.solid.plate import plate_of
-from markergen.solid.primitives import OFF, SAME, Prism, mm, span_of
+from markergen.solid.primitives import OFF, SAME, Prism, mm
 from markergen.workshop.dot_geometry import SolidDot, dots_of
 from markergen.workshop.drafting.drawing import (
     Callout,
@@ -35,10 +35,10 @@ from markergen.workshop.drafting.features import (
     PLUS_MINUS,
     PlateHole,
     alike,
-    centered,
     diameter,
     holes_of,
     is_plain,
+    is_through,
     listed_outlines,
     ranges,
     recesses_of,
@@ -211,12 +211,6 @@ def located(zone: float, datums: Sequence[Datum], of: str = "", count: int = 1) 
 def flat(made: Made) -> Control:
     """Flatness of the plate's face."""
     return Control("flatness", millimeters(made.accuracy.flatness))
-
-
-def is_through(dot: SolidDot, made: Made) -> bool:
-    """True if a dot is a hole through the plate."""
-    bottom = span_of(made.parts)[0]
-    return any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
 
 
 def dot_controls(made: Made, datums: Sequence[Datum], dots: Sequence[SolidDot]) -> tuple[Control, ...]:

@@ -17,14 +17,7 @@ from markergen.solid.plate import plate_of
 from markergen.solid.primitives import OFF, SAME, Part, Primitive, Revolved, cylinder, mm, size_of, span_of
 from markergen.workshop import engraving
 from markergen.workshop.dot_geometry import SolidDot, dots_of
-from markergen.workshop.drafting.callouts import (
-    callouts_of,
-    datums_of,
-    flat,
-    is_through,
-    located_holes,
-    tolerance_tables,
-)
+from markergen.workshop.drafting.callouts import callouts_of, datums_of, flat, located_holes, tolerance_tables
 from markergen.workshop.drafting.drawing import (
     Callout,
     Control,
@@ -45,6 +38,7 @@ from markergen.workshop.drafting.features import (
     alike,
     centered,
     diameter,
+    is_through,
     listed_outlines,
     ranges,
     recesses_of,

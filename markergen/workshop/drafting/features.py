@@ -180,6 +180,11 @@ def centered(bodies: Iterable[Primitive], x: float, y: float) -> list[Revolved]:
     return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
 
 
+def is_through(dot: SolidDot, made: Made) -> bool:
+    """True if a dot is a hole through the plate."""
+    return any(body.span[0] < made.bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+
+
 def ranges(numbers: Iterable[int]) -> str:
     """Abbreviate a list of integers: ``1 to 4, 7``."""
     runs: list[list[int]] = []

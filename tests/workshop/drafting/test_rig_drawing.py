@@ -76,7 +76,7 @@ def test_a_face_of_a_cube_is_seen_from_where_its_view_says():
 def test_datums_of_a_prism_are_two_sides_and_an_end():
     work = work_of(prism())
     [datums] = [table for table in work.tables if table.title == "Datums of the whole"]
-    assert [row[:2] for row in datums.rows] == [("R", "face plate 0"), ("S", "bare face-1"), ("T", "face plate 1")]
+    assert [row[:2] for row in datums.rows] == [("R", "face plate 0"), ("S", "bare side"), ("T", "face plate 1")]
     [relation] = [table for table in work.tables if table.title.startswith("Relation")]
     assert dict(row[:2] for row in relation.rows)["plate 2"] == "angularity 0.3 to R, [120\xb0]"
 
