@@ -274,7 +274,8 @@ def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> di
             for verdict in verdicts:
                 if len(verdict.used):
                     verdict = with_tag(verdict, plate.marker.tag, (1.0, 1.0), page, tolerance)
-                    cost = len(verdict.findings), verdict.largest
+                    # To 10 um: plates may be alike but for their outlines, and are on the pages in their order.
+                    cost = len(verdict.findings), round(verdict.largest, 5)
                     places.append(_PlateOnPage(k, number, cost, dots.take(verdict.used)))
     chosen: dict[int, _PlateOnPage] = {}
     for place in sorted(places, key=lambda place: place.cost):

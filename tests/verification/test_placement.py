@@ -15,7 +15,7 @@ from markergen.exporters.saving import save
 from markergen.maths.rotation import exponential
 from markergen.model.fabrication import Fabrication
 from markergen.model.rig import Rig
-from tests.support.rigs import cube, mounted, wall
+from tests.support.rigs import cube, mounted, rig_of, wall
 
 CUBE = cube(0.08)
 WALL = wall(columns=2, rows=1)
@@ -192,6 +192,11 @@ def test_every_marker_is_found_on_its_page(tmp_path):
     [path] = [tmp_path / "all.json"]
     assert mg.verify(CUBE, tmp_path / "all.pdf", json=path).written
     assert re.fullmatch(r"plate \d/\d", json.loads(path.read_text())[0]["worst_dot"])
+
+
+def test_plates_that_differ_in_their_outlines_alone_are_on_pages_of_their_own(tmp_path):
+    prism = rig_of("prism:8", edge=0.05, height=0.05)
+    assert not said_of(prism, *written(prism, tmp_path, ".pdf"))
 
 
 @pytest.mark.parametrize(
