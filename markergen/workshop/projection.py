@@ -129,7 +129,12 @@ def _top_view(body: Primitive, material: str, side: int, hollow: bool = False) -
 def _in_sight(profile: Sequence[Point], r: float, z: float, side: int, hollow: bool) -> bool:
     """Tell whether nothing of a body lies above a corner of its profile; for a hollow, below it."""
     sign = -side if hollow else side
-    return all(sign * (height - z) < SAME for radius, height in profile if abs(radius - r) < SAME)
+    for (u, v), (p, q) in zip(profile, (*profile[1:], profile[0]), strict=True):
+        if min(u, p) - SAME < r < max(u, p) + SAME:
+            heights = (v, q) if abs(p - u) < SAME else (v + (q - v) * (r - u) / (p - u),)
+            if any(sign * (height - z) > SAME for height in heights):
+                return False
+    return True
 
 
 def _mirrored(face: ViewFace) -> ViewFace:

@@ -86,6 +86,15 @@ def test_what_is_nearer_comes_later_and_holes_go_through():
     assert pillar.box[3] == pytest.approx(9.0, abs=OFF)
 
 
+def test_a_plug_below_a_half_ball_does_not_show():
+    # The ball's arc has no corner above the plug's edge.
+    half = Contour(((0.0, -1.5), (3.0, -1.5), (3.0, 0.0), (6.0, 0.0), (0.0, 6.0)), (0.0, 0.0, 0.0, tan(pi / 8), 0.0))
+    faces = seen([Part("dot-0", "dark", (Revolved(0.0, 0.0, half),))])
+    assert [face.edges for face in faces] == [()]
+    step = Contour(((0.0, -1.5), (6.0, -1.5), (6.0, 0.0), (3.0, 0.0), (3.0, 2.0), (0.0, 2.0)))
+    assert len(seen([Part("dot-0", "dark", (Revolved(0.0, 0.0, step),))])[0].edges) == 1
+
+
 def test_from_the_back_x_runs_to_the_left_and_pockets_do_not_show():
     letter = Prism(Contour(((2.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.0, 3.0))), (), -4.0, -3.7)
     faces = seen([plate(cylinder(-5.0, 0.0, 3.0, -1.0, 0.0), letter)], BACK)

@@ -344,7 +344,8 @@ def _dot_callouts(
         names = f"{'ring' if inner else 'dot'}{'s' if len(group) > 1 else ''} {ranges([dot.id for dot in group])}"
         places = tuple((dot.x, dot.y, dot.radius) for dot in group)
         lines = _dot_lines(_times(group), f"{sphere}{DIAMETER}", radius, inner, group[0], made)
-        callouts.append(Callout((*lines, names), places, controls=dot_controls(made, datums, group)))
+        controls = [replace(control, zone=f"{sphere}{control.zone}") for control in dot_controls(made, datums, group)]
+        callouts.append(Callout((*lines, names), places, controls=tuple(controls)))
     return callouts
 
 

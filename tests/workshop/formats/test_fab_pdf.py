@@ -168,7 +168,7 @@ SAID = [
     (RECT, FLAT, SCREWS, {"process": "laser"}, ("0.1 max.", "\xd80.1ABC", "\xd810 \xb10.1", "dark surface (engraved)")),
     (RECT, FLAT, SCREWS, {"process": "print"},
      ("recess 200.4 x 100.4 +0.2 / 0", "0.2 +0.05 / 0 deep", "0.2ABC", "4x \xd810 printed")),
-    (Circle(0.06), FLAT, (), {"process": "dome"}, ("4x S\xd810 \xb10.02", "\xd80.04 CZ", "\xd85 \xb10.02 pocket")),
+    (Circle(0.06), FLAT, (), {"process": "dome"}, ("4x S\xd810 \xb10.02", "S\xd80.04 CZ", "\xd85 \xb10.02 pocket")),
     (Circle(0.06), FLAT, (), {"process": "dome", "dome": "ball"}, ("7.5 \xb10.03", "z = -7.5")),
     (Circle(0.06), FLAT, (), {"material": "EN AW-5083", "general_tolerance": "ISO 22081"}, ("EN AW-5083", "ISO 22081")),
 ]  # fmt: skip
