@@ -37,6 +37,9 @@ Blob = tuple[tuple[int, int, int, int], bool]
 WITH_ALPHA = (4, 6)
 """Color types of a PNG with transparency."""
 
+ORIENTATION = 0x0112
+"""EXIF's tag of the orientation, which some programs follow."""
+
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 600_000_000
 """Maximum number of pixels: A0 at 600 dpi has 558 million."""
@@ -117,11 +120,15 @@ def pixel_page(grey: Grey, box: Sequence[float], body: Body, name: str) -> Page:
 
 def _header(data: bytes, name: str) -> tuple[int, int, Array]:
     """Width and height in px, and pixels per mm (x, y), of an image whose chunks are all intact."""
+    from PIL import Image
+
     if not data.startswith(SIGNATURE):
         raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
     try:
         with opened_image(data, ("PNG",)) as image:
             (width, height), inches = image.size, image.info.get("dpi")
+            exif, clear = Image.Exif(), image.info.get("transparency", b"")
+            exif.load(image.info.get("exif", b""))
             image.verify()
     # Decoders raise all kinds of exceptions for broken files.
     except Exception as error:
@@ -133,6 +140,10 @@ def _header(data: bytes, name: str) -> tuple[int, int, Array]:
     # Deflate compresses by a factor of 1032 at most: a larger image is a lie, and would exhaust the memory.
     if width * height / 8 > 1032 * len(data) + 1000:
         raise InputError(f"{width} x {height} pixels in {name}", "data for fewer", "export it again")
+    turned = exif.get(ORIENTATION, 1) != 1
+    if turned or not isinstance(clear, bytes) or clear.strip(b"\xff"):
+        found = "an orientation (EXIF)" if turned else "a transparent color (tRNS)"
+        raise InputError(f"pixels that all programs show alike in {name}", found, "save it upright and without alpha")
     if inches is None:
         raise InputError(f"a resolution in {name}", "none: no pHYs in meters", "export it again, with its dpi")
     # Pillow gives dots per inch, but the file has integer pixels per meter.

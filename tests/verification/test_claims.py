@@ -11,6 +11,7 @@ import pypdfium2.raw as raw
 import pytest
 from damaged_sheets import POINTS, dot_two, drawn, grey, pages
 from damaged_sheets import box as box_of
+from PIL import Image
 from spoiled_solids import glb, gltf, stl, triangles, with_model
 
 from markergen.errors import InputError
@@ -452,6 +453,21 @@ def test_pictures_that_a_script_may_change_are_refused(marker, files, tmp_path, 
 
 def in_black_and_white(levels):
     return np.where(levels < 128, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("choices", "what"),
+    [({"transparency": 0}, "transparent color"), ({"transparency": 255}, "transparent color"), ({"exif": 6}, "EXIF")],
+)
+def test_pixels_that_programs_show_differently_are_refused(marker, files, tmp_path, choices, what):
+    if turn := choices.get("exif"):
+        orientation = Image.Exif()
+        orientation[0x0112] = turn
+        choices = {"exif": orientation}
+    with Image.open(BytesIO(files[".png"])) as image:
+        image.convert("L").save(out := BytesIO(), "PNG", dpi=image.info["dpi"], **choices)
+    with pytest.raises(InputError, match=what):
+        check_of(marker, tmp_path, ".png", out.getvalue())
 
 
 def test_pixels_pass_by_what_they_show(marker, files, tmp_path):
