@@ -34,16 +34,20 @@ IN_ROOMS = Command(
     "--n 5 10 20 60 --starts 0",
     900,
 )
-RIVALS = {
-    (room, camera): Command(
-        f"python -m benchmarks.dot_count --rooms {room} --cameras {camera} --views 100 --rivals circles:5x5 "
-        "circles:7x7 circles:9x9 checkerboard:9x9 charuco:5x5 aruco:DICT_4X4_50 apriltag:36h11 pupil:36h11 stag:HD21",
-        500,
-    )
-    for camera in ("paper", "hd", "lens")
-    for room in ("disk", "rectangle", "L")
+ROOMS = ("disk", "rectangle", "L")
+IN_VIEWS = "python -m benchmarks.dot_count --rooms {} --cameras {} --views 100"
+COUNTED = {
+    (room, camera): Command(IN_VIEWS.format(room, camera), 150) for camera in ("paper", "hd", "lens") for room in ROOMS
 }
-BESIDE_AUTO = "python -m benchmarks.dot_count --rooms disk rectangle L --cameras paper hd lens --views 100 --rivals"
+RIVALS = {
+    room: Command(
+        f"{IN_VIEWS.format(room, 'paper')} --rivals circles:5x5 circles:7x7 circles:9x9 checkerboard:9x9 charuco:5x5 "
+        "aruco:DICT_4X4_50 apriltag:36h11 pupil:36h11 stag:HD21",
+        1800,
+    )
+    for room in ROOMS
+}
+BESIDE_AUTO = f"{IN_VIEWS.format(' '.join(ROOMS), 'paper')} --rivals"
 CLOSEST = Command("python -m benchmarks.dot_count --rooms disk --cameras paper --views 400 --rivals circles:9x9", 200)
 CONTESTANTS = {
     "auto dots": "`--n auto`",
@@ -105,23 +109,24 @@ def _sided(row: str, command: Command, output: str = "this marker # # @ # @") ->
     )
 
 
-def _in_three_rooms(camera: str) -> Number:
+def _in_three_rooms() -> Number:
     """Errors and shares of the views in which rivals are found, in three rooms."""
-    rooms = [room for room, other in RIVALS if other == camera]
     rows = " ".join(f"| {row} | # deg, # % | # deg, # % | # deg, # % |" for row in CONTESTANTS.values())
     return Number(
         DESIGN,
-        f"| {camera} | {' | '.join(rooms)} | |---|---|---|---| {rows}",
+        f"| paper | {' | '.join(ROOMS)} | |---|---|---|---| {rows}",
         BESIDE_AUTO,
-        [(RIVALS[room, camera], f"{name} #/@ # @ to @") for name in CONTESTANTS for room in rooms],
+        [(RIVALS[room], f"{name} #/@ # @ to @") for name in CONTESTANTS for room in ROOMS],
         lambda *found: [value for k in range(0, len(found), 2) for value in (found[k + 1], found[k])],
     )
 
 
 def _counted(room: str, camera: str) -> Number:
-    command, errors = RIVALS[room, camera], "# | # | # | # | # | #"
+    command, errors = COUNTED[room, camera], "# | # | # | # | # | #"
     sources = [(command, f"{room} {camera} # # @ # # @"), (command, f"{room} {camera} 5 @ @ # # @")]
-    return Number(DESIGN, f"| {room}, {camera} | {errors} |", BESIDE_AUTO, sources)
+    return Number(
+        DESIGN, f"| {room}, {camera} | {errors} |", IN_VIEWS.format(" ".join(ROOMS), "paper hd lens"), sources
+    )
 
 
 def _in_room(room: str, n: int) -> Sequence[Number]:
@@ -420,12 +425,12 @@ MEASURED: Sequence[Entry] = (
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
     *(_ranged(row) for row in ("pad", "nested AprilTags 36h11", "ArUco 4x4")),
     *(entry for room in ("disk", "rectangle", "L", "flange") for n in (5, 10, 20, 60) for entry in _in_room(room, n)),
-    *map(_in_three_rooms, ("paper", "hd", "lens")),
+    _in_three_rooms(),
     Number(
         DESIGN,
         "the intervals are # to # deg (@ %) for the dots and # to # for the circles",
         BESIDE_AUTO,
-        [(RIVALS["disk", "paper"], "auto dots @/@ @ # to #"), (RIVALS["disk", "paper"], "circles:9x9 @/@ @ # to #")],
+        [(RIVALS["disk"], "auto dots @/@ @ # to #"), (RIVALS["disk"], "circles:9x9 @/@ @ # to #")],
     ),
     Number(
         DESIGN,
@@ -438,11 +443,11 @@ MEASURED: Sequence[Entry] = (
         "All that the grey levels give is # deg for the dots in the disk and the paper's camera, and # for",
         BESIDE_AUTO,
         [
-            (RIVALS["disk", "paper"], "auto dots @/@ @ @ to @ @ #"),
-            (RIVALS["disk", "paper"], "charuco:5x5 @/@ @ @ to @ @ #"),
+            (RIVALS["disk"], "auto dots @/@ @ @ to @ @ #"),
+            (RIVALS["disk"], "charuco:5x5 @/@ @ @ to @ @ #"),
         ],
     ),
-    *starmap(_counted, RIVALS),
+    *starmap(_counted, COUNTED),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
         DETECT,
