@@ -72,7 +72,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
         lines=(
             f"The recess is {depth:.6g} mm deep and {gap:.6g} mm larger than the sheet all around; its floor is flat.",
             *([f"Leave a land {LAND:g} mm wide around each hole in the recess."] if around else []),
-            note,
+            f"A printed sheet, cut out along the boundary of the dots, is glued into the recess.{around}",
         ),
         accuracy=Accuracy(depth=0.05),
         tolerances=tolerances,
