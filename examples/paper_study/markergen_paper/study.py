@@ -105,7 +105,7 @@ def run_paper(
         If a file cannot be written; finished cells are kept.
     """
     cells = cells_of(options)
-    estimated = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
+    estimated = _with_estimate(progress, estimated_seconds(options, engine.workers)) if progress else None
     results = run_cells(
         work, cells, folder, {"study": "paper", **options.as_dict()}, engine, resume, estimated, seconds_of
     )
