@@ -140,10 +140,10 @@ def _header(data: bytes, name: str) -> tuple[int, int, Array]:
     # Deflate compresses by a factor of 1032 at most: a larger image is a lie, and would exhaust the memory.
     if width * height / 8 > 1032 * len(data) + 1000:
         raise InputError(f"{width} x {height} pixels in {name}", "data for fewer", "export it again")
-    turned = exif.get(ORIENTATION, 1) != 1
-    if turned or not isinstance(clear, bytes) or clear.strip(b"\xff"):
-        found = "an orientation (EXIF)" if turned else "a transparent color (tRNS)"
-        raise InputError(f"pixels that all programs show alike in {name}", found, "save it upright and without alpha")
+    is_turned = exif.get(ORIENTATION, 1) != 1
+    if is_turned or not isinstance(clear, bytes) or clear.strip(b"\xff"):
+        feature = "an orientation (EXIF)" if is_turned else "a transparent color (tRNS)"
+        raise InputError(f"pixels that all programs show alike in {name}", feature, "save it upright and without alpha")
     if inches is None:
         raise InputError(f"a resolution in {name}", "none: no pHYs in meters", "export it again, with its dpi")
     # Pillow gives dots per inch, but the file has integer pixels per meter.

@@ -460,10 +460,10 @@ def in_black_and_white(levels):
     [({"transparency": 0}, "transparent color"), ({"transparency": 255}, "transparent color"), ({"exif": 6}, "EXIF")],
 )
 def test_pixels_that_programs_show_differently_are_refused(marker, files, tmp_path, choices, what):
-    if turn := choices.get("exif"):
-        orientation = Image.Exif()
-        orientation[0x0112] = turn
-        choices = {"exif": orientation}
+    if "exif" in choices:
+        exif = Image.Exif()
+        exif[0x0112] = choices["exif"]
+        choices = {"exif": exif}
     with Image.open(BytesIO(files[".png"])) as image:
         image.convert("L").save(out := BytesIO(), "PNG", dpi=image.info["dpi"], **choices)
     with pytest.raises(InputError, match=what):

@@ -336,8 +336,8 @@ def _dot_callouts(
     kinds = alike(dots)
     if len(kinds) > MOST_KINDS:
         places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
-        words = f"{len(places)} dots of {len(kinds)} sizes", "see the table"
-        return [Callout(words, places, controls=dot_controls(made, datums, dots))]
+        summary = f"{len(places)} dots of {len(kinds)} sizes", "see the table"
+        return [Callout(summary, places, controls=dot_controls(made, datums, dots))]
     # S stands for a sphere (ISO 129).
     sphere = "S" if PROCESSES[fabrication.process].balls else ""
     for (radius, inner), group in kinds:

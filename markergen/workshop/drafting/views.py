@@ -440,8 +440,8 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)
     # A face of a body has a frame of its own.
-    words = f"seen from -y{' of this face' * (work.parallelism is None)}"
-    return [*shapes, lettering(words, left, upper + 1.5 * style.scale, style.words, color=GRAY, name="side-words")]
+    title = f"seen from -y{' of this face' * (work.parallelism is None)}"
+    return [*shapes, lettering(title, left, upper + 1.5 * style.scale, style.words, color=GRAY, name="side-words")]
 
 
 def _ordered(a: float, b: float) -> tuple[float, float]:
