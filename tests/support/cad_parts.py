@@ -19,8 +19,8 @@ class CadPart:
 
     @property
     def middle(self):
-        points = self.corners.reshape(-1, 3)
-        return (points.min(axis=0) + points.max(axis=0)) / 2
+        """Mean of the corners: those of a rim are at equal distances, but not where it is widest."""
+        return np.unique(self.corners.reshape(-1, 3).round(6), axis=0).mean(axis=0)
 
 
 def cad_parts(data, kind="STEP"):
