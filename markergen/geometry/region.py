@@ -358,20 +358,6 @@ def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
     return distances
 
 
-def nearest_places(lines: Array, points: Array) -> Array:
-    """Places (m, 2) on straight lines (k, 2, 2) nearest to points (m, 2); nan without any line."""
-    import shapely
-
-    # Where both ends are one place, there is no direction along which to look.
-    lines = lines[(lines[:, 0] != lines[:, 1]).any(axis=1)]
-    if not len(lines):
-        return np.full_like(points, np.nan)
-    shapes, sites = shapely.linestrings(lines), shapely.points(points)
-    nearest = shapes[shapely.STRtree(shapes).nearest(sites)]
-    along = shapely.line_locate_point(nearest, sites)
-    return np.asarray(shapely.get_coordinates(shapely.line_interpolate_point(nearest, along)))
-
-
 def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
     """Index of the smallest polygon around each of several polygons (m, 2), -1 for none; None if two of them meet."""
     import shapely

@@ -7,7 +7,6 @@ from markergen.geometry.region import (
     enclosing_circle,
     hull,
     line_distances,
-    nearest_places,
     pairs_in_boxes,
     pairwise_distances,
     parents,
@@ -159,10 +158,3 @@ def test_points_in_boxes_are_those_of_all_pairs_whatever_the_number_at_once(most
     inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2)
     pairs = [pair for index, box in pairs_in_boxes(points, low, high, most) for pair in zip(index, box, strict=True)]
     assert sorted(pairs) == list(zip(*np.nonzero(inside), strict=True))
-
-
-def test_the_nearest_places_of_lines():
-    lines = np.array([[[0.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 2.0]]])
-    places = nearest_places(lines, np.array([[1.0, 0.5], [5.0, 1.5], [-3.0, -4.0], [4.0, 9.0]]))
-    assert places.tolist() == [[1, 0], [4, 1.5], [0, 0], [4, 2]]
-    assert np.isnan(nearest_places(lines[1:2], np.zeros((3, 2)))).all()

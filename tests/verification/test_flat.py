@@ -17,6 +17,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
 from markergen.verification import verify
+from markergen.verification.lines import nearest_places
 
 TABLE = [(suffix, damage) for suffix, table in DAMAGE.items() for damage in table]
 
@@ -179,3 +180,10 @@ def test_the_figures_are_those_of_the_damage(marker, tmp_path):
         assert check.passed == passed
         # The best motion of all dots takes a part of a small error.
         np.testing.assert_allclose(check.largest, off, rtol=0.4)
+
+
+def test_the_nearest_places_of_lines():
+    lines = np.array([[[0.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 2.0]]])
+    places = nearest_places(lines, np.array([[1.0, 0.5], [5.0, 1.5], [-3.0, -4.0], [4.0, 9.0]]))
+    assert places.tolist() == [[1, 0], [4, 1.5], [0, 0], [4, 2]]
+    assert np.isnan(nearest_places(lines[:0], np.zeros((3, 2)))).all()
