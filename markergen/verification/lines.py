@@ -106,9 +106,29 @@ def pieces_of(contours: Sequence[Contour]) -> Array:
 
 
 def seek_among(segments: Array) -> Seek:
-    """Seek among straight pieces (k, 2, 2)."""
+    """Seek among straight pieces (k, 2, 2), by near points along them.
+
+    A search by shapely takes twice as long as all else for what is missing in a solid.
+    """
+    from scipy.spatial import cKDTree
+
     segments = segments[np.isfinite(segments).all(axis=(1, 2))]
-    return lambda points, normals: nearest_places(segments, points)  # noqa: ARG005
+    if not len(segments):
+        return lambda points, normals: np.full_like(points, np.nan)  # noqa: ARG005
+    places, of = _along(segments, STEP)
+    tree, count = cKDTree(places), min(CANDIDATES, len(of))
+
+    def seek(points: Array, normals: Array) -> Array:
+        del normals
+        candidates = of[tree.query(points, k=count)[1].reshape(len(points), count)]
+        start, way = segments[candidates, 0], segments[candidates, 1] - segments[candidates, 0]
+        square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
+        place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
+        feet = start + place[..., None] * way
+        best = np.argmin(np.linalg.norm(feet - points[:, None], axis=-1), axis=1)
+        return np.asarray(feet[np.arange(len(points)), best])
+
+    return seek
 
 
 def in_picture(sample: Callable[[Array], Array], grain: float) -> Seek:
@@ -231,30 +251,10 @@ def _along(segments: Array, spacing: float) -> tuple[Array, Indices]:
     return segments[of, 0] + (number / (count - 1)[of])[:, None] * way[of], of
 
 
-def nearest_places(segments: Array, points: Array) -> Array:
-    """Places (m, 2) on straight pieces (k, 2, 2) nearest to points (m, 2); nan without any piece.
-
-    By near points along them: a search by shapely takes twice as long as all else for what is missing in a solid.
-    """
-    from scipy.spatial import cKDTree
-
-    if not len(segments):
-        return np.full_like(points, np.nan)
-    places, of = _along(segments, STEP)
-    count = min(CANDIDATES, len(of))
-    candidates = of[cKDTree(places).query(points, k=count)[1].reshape(len(points), count)]
-    start, way = segments[candidates, 0], segments[candidates, 1] - segments[candidates, 0]
-    square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
-    place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
-    feet = start + place[..., None] * way
-    best = np.argmin(np.linalg.norm(feet - points[:, None], axis=-1), axis=1)
-    return np.asarray(feet[np.arange(len(points)), best])
-
-
 def strays(segments: Array, wanted: Array, misplaced: bool = False) -> Mask:
     """Tell which straight pieces (m, 2, 2) of lines leave all wanted ones (k, 2, 2), which may be misplaced."""
     points, of = _along(segments, CLAIMED)
-    away = np.linalg.norm(nearest_places(wanted, points) - points, axis=1)
+    away = np.linalg.norm(seek_among(wanted)(points, points) - points, axis=1)
     return np.bincount(of[~(away < (FARTHEST if misplaced else CLAIMED))], minlength=len(segments)) > 0
 
 

@@ -17,7 +17,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.verification.lines import nearest_places
+from markergen.verification.lines import seek_among
 
 TABLE = [(suffix, damage) for suffix, table in DAMAGE.items() for damage in table]
 
@@ -184,6 +184,7 @@ def test_the_figures_are_those_of_the_damage(marker, tmp_path):
 
 def test_the_nearest_places_of_lines():
     lines = np.array([[[0.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 2.0]]])
-    places = nearest_places(lines, np.array([[1.0, 0.5], [5.0, 1.5], [-3.0, -4.0], [4.0, 9.0]]))
+    points = np.array([[1.0, 0.5], [5.0, 1.5], [-3.0, -4.0], [4.0, 9.0]])
+    places = seek_among(lines)(points, points)
     assert places.tolist() == [[1, 0], [4, 1.5], [0, 0], [4, 2]]
-    assert np.isnan(nearest_places(lines[:0], np.zeros((3, 2)))).all()
+    assert np.isnan(seek_among(lines[:0])(points, points)).all()
