@@ -44,7 +44,6 @@ from markergen.workshop.drafting.features import (
     recesses_of,
     use_words,
 )
-from markergen.workshop.engraving import DEPTH as ENGRAVED
 from markergen.workshop.iso286 import SizeLimits
 from markergen.workshop.processes import Made
 
@@ -242,16 +241,23 @@ def hole_control(hole: PlateHole, made: Made, datums: Sequence[Datum], count: in
 
 
 def tolerance_tables(
-    made: Made, datums: Sequence[Datum], general: str, holes: Sequence[PlateHole], dots: Sequence[SolidDot]
+    made: Made,
+    datums: Sequence[Datum],
+    general: str,
+    holes: Sequence[PlateHole],
+    dots: Sequence[SolidDot],
+    engraved: bool,
 ) -> tuple[DrawingTable, ...]:
     """Tables of the datums, of all tolerances, and of fits, if any."""
     rows = tuple((datum.letter, datum.text, datum.place) for datum in datums)
     headings = ("datum", "feature", "marker frame, exact")
     features = DrawingTable("Datums, and the marker frame in them", headings, rows, (0, 1, 2))
-    return (features, _tolerance_table(made, datums, general, dots), *_fit_table(made, holes))
+    return (features, _tolerance_table(made, datums, general, dots, engraved), *_fit_table(made, holes))
 
 
-def _tolerance_table(made: Made, datums: Sequence[Datum], general: str, dots: Sequence[SolidDot]) -> DrawingTable:
+def _tolerance_table(
+    made: Made, datums: Sequence[Datum], general: str, dots: Sequence[SolidDot], engraved: bool
+) -> DrawingTable:
     """All tolerances in words."""
     accuracy = made.accuracy
     to = " to " + ", ".join(letters(datums))
@@ -280,8 +286,7 @@ def _tolerance_table(made: Made, datums: Sequence[Datum], general: str, dots: Se
         rows.append(("depth of the engraved dots", deep))
     if made.add:
         rows.append(("tops of pillars above A", f"{PLUS_MINUS}{millimeters(accuracy.height)}"))
-    on_back = (body.span for plate in made.plates for body in plate.cut if body.span[0] < made.bottom + SAME)
-    if any(abs(top - made.bottom - ENGRAVED) < SAME for _, top in on_back):
+    if engraved:
         rows.append(("depth of the engraving on the back", _over(0.1)))
     return DrawingTable("Tolerances, mm", ("what", "tolerance"), (*rows, *made.tolerances), (0, 1))
 
@@ -359,9 +364,9 @@ def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot
         lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
         lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
         return lines
-    off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
-    ring = f"{off.replace(' printed', '')} / {DIAMETER}{core}" if inner else ""
-    return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
+    limits = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
+    sizes = [f"{sign}{outer}{limits}", *([f"{DIAMETER}{core}{limits}"] if inner else [])]
+    return [f"{times}{' / '.join(sizes)}{'' if limits else ' printed'}{' through' * through}"]
 
 
 def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:

@@ -28,6 +28,7 @@ from markergen.workshop.drafting.drawing import (
     TitleBlock,
     ViewFace,
     Workpiece,
+    fixed,
     millimeters,
 )
 from markergen.workshop.drafting.features import (
@@ -107,7 +108,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         sections=sections,
         tables=(
             *tables_of(marker, made, holes),
-            *tolerance_tables(made, datums, fabrication.general_tolerance, holes, dots),
+            *tolerance_tables(made, datums, fabrication.general_tolerance, holes, dots, bool(back)),
         ),
         key=_key(made, bool(back), bool(sections)),
         notes=tuple(_notes(marker, made, callouts, back, holes)),
@@ -204,9 +205,9 @@ def _notes(
     if substrate.chamfer:
         notes.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
     notes += made.lines
-    # What is engraved besides letters is the cross at the origin.
-    cross = any(face.material == "engraved" for face in back)
-    if made.engraved or cross:
+    if back:
+        # What is engraved besides letters is the cross at the origin.
+        cross = any(face.material == "engraved" for face in back)
         notes.append(_engraved(made, cross, len(marker.control_points)))
     return [*notes, AFTERWARDS]
 
@@ -241,7 +242,7 @@ def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[D
         tuple(
             (
                 str(p.id),
-                *(_fixed(mm(value)) for value in (p.x, p.y, p.z)),
+                *(fixed(mm(value)) for value in (p.x, p.y, p.z)),
                 millimeters(mm(p.feature.diameter)),
                 millimeters(mm(p.feature.inner_diameter)) if p.feature.inner_diameter else "-",
             )
@@ -253,8 +254,8 @@ def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[D
         rows = tuple(
             (
                 hole.label,
-                _fixed(hole.x),
-                _fixed(hole.y),
+                fixed(hole.x),
+                fixed(hole.y),
                 f"{diameter(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else ""),
                 millimeters(2 * hole.sink) if hole.sink else "-",
                 use_words(hole),
@@ -276,7 +277,7 @@ def tables_of(marker: Marker, made: Made, holes: Sequence[PlateHole]) -> tuple[D
     if marker.tag:
         names = ("top left", "top right", "bottom right", "bottom left")
         places = marker.tag.corners.tolist()
-        corners = tuple((name, _fixed(mm(x)), _fixed(mm(y))) for name, (x, y) in zip(names, places, strict=True))
+        corners = tuple((name, fixed(mm(x)), fixed(mm(y))) for name, (x, y) in zip(names, places, strict=True))
         tables.append(
             DrawingTable(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,))
         )
@@ -290,7 +291,7 @@ def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
         title, contour = outline.title, outline.contour
         if circle := contour.as_circle:
             x, y, radius = circle
-            row = _fixed(x), _fixed(y), diameter(2 * radius)
+            row = fixed(x), fixed(y), diameter(2 * radius)
             tables.append(DrawingTable(f"{title}, mm", ("center x", "center y", "diameter"), (row,)))
             continue
         left, bottom, right, top = box(contour)
@@ -309,7 +310,7 @@ def _corners(contour: Contour) -> tuple[tuple[str, ...], ...]:
     def side(bulge: float, radius: float) -> str:
         return f"arc R{millimeters(radius)}, {'counterclockwise' if bulge > 0 else 'clockwise'}" if bulge else "line"
 
-    return tuple((_fixed(a[0]), _fixed(a[1]), side(bulge, radius_of((a, b, bulge)))) for a, b, bulge in contour.sides)
+    return tuple((fixed(a[0]), fixed(a[1]), side(bulge, radius_of((a, b, bulge)))) for a, b, bulge in contour.sides)
 
 
 def _pillars(marker: Marker, added: Sequence[Primitive]) -> tuple[tuple[str, ...], ...]:
@@ -367,11 +368,6 @@ def _names(names: Sequence[str]) -> str:
     for (stem, suffix), numbers in stems.items():
         terms.append(f"{stem}-{ranges(numbers)}" + (f" {suffix}" if suffix else ""))
     return ", ".join(terms)
-
-
-def _fixed(millimeters_: float) -> str:
-    # Adding 0 turns -0 into 0.
-    return f"{round(millimeters_, 4) + 0.0:.4f}"
 
 
 NEAR = 30.0

@@ -203,7 +203,7 @@ class Workpiece:
     round : bool
         True if the plate is a disk, whose size is a diameter.
     listed : bool
-        True if tables describe the outline: then overall sizes are auxiliary, in parentheses.
+        True if tables or another sheet describe the outline: then overall sizes are auxiliary, in parentheses.
     face : float
         Height of the plate's upper face.
     flatness : Control
@@ -249,11 +249,16 @@ def around(faces: tuple[ViewFace, ...]) -> Box:
     return union(*(face.box for face in faces))
 
 
+def fixed(value: float, digits: int = 4) -> str:
+    """Format a number for a table, such as a theoretically exact coordinate in mm; never -0."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def exact(value: float, digits: int = 4) -> str:
+    """Format a theoretically exact number as in tables, but without trailing zeros."""
+    return fixed(value, digits).rstrip("0").rstrip(".")
+
+
 def millimeters(value: float) -> str:
     """Format a length in mm for a drawing: whole microns, no trailing zeros."""
-    return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
-
-
-def exact(value: float) -> str:
-    """Format a theoretically exact coordinate in mm: as in tables, without trailing zeros."""
-    return f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")
+    return exact(value, 3)

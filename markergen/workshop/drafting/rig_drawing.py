@@ -48,6 +48,8 @@ from markergen.workshop.drafting.drawing import (
     ViewFace,
     Workpiece,
     around,
+    exact,
+    fixed,
     millimeters,
 )
 from markergen.workshop.drafting.features import PLUS_MINUS
@@ -425,16 +427,11 @@ def _face_table(rig: Rig) -> DrawingTable:
     """Where each marker is in the rig: its origin, and where its axes point."""
     rows = []
     for plate in rig.markers:
-        axes = ["(" + ", ".join(_fixed(value, 6) for value in plate.rotation_matrix[:, k]) + ")" for k in range(3)]
-        rows.append((plate.name, *(_fixed(value, 4) for value in 1e3 * plate.translation_vector), *axes))
+        axes = ["(" + ", ".join(exact(value, 6) for value in plate.rotation_matrix[:, k]) + ")" for k in range(3)]
+        rows.append((plate.name, *(fixed(value) for value in 1e3 * plate.translation_vector), *axes))
     headings = ("face", "x", "y", "z", "its x axis (right)", "its y axis (up)", "its z axis (out)")
     title = "Faces in the rig frame: origins in mm, and axes as unit vectors, theoretically exact"
     return DrawingTable(title, headings, tuple(rows), (0,))
-
-
-def _fixed(value: float, digits: int) -> str:
-    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
-    return text.rstrip("0").rstrip(".") if digits > 4 else text
 
 
 def _relation_tables(
