@@ -92,6 +92,15 @@ def format_length(meters: float) -> str:
     return f"{meters * 1e3:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"
 
 
+def two_digits(value: float) -> str:
+    """Write a number with two digits, without an exponent.
+
+    >>> two_digits(0.571), two_digits(163.4), two_digits(2981.0)
+    ('0.57', '160', '3000')
+    """
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def parse_settings(text: str, keys: Iterable[str], what: str) -> dict[str, float]:
     """Parse named numbers such as ``blur_px=1.5,noise_grey=4``; empty text names none.
 

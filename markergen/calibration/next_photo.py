@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.bounds.confusion.evidence import two_digits
 from markergen.calibration.adjustment import Adjustment
 from markergen.calibration.coverage import SIDES, coverage_of, posed
 from markergen.calibration.weaknesses import bounded_covariance
@@ -33,6 +32,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, axes_of
 from markergen.read.videos import open_video, silent_opencv
+from markergen.units import two_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

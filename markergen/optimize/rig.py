@@ -18,7 +18,7 @@ import numpy as np
 from markergen import __version__
 from markergen.arrays import Array, Indices
 from markergen.bounds.confusion.affine import ForeignSafety, foreign_safety
-from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds, two_digits
+from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds
 from markergen.bounds.confusion.perspective import layout_safety
 from markergen.bounds.dot_covariances import body_bounds
 from markergen.defaults import NOISE_PX
@@ -61,7 +61,7 @@ from markergen.optimize.to_marker import dress, numbered
 from markergen.options import Progress
 from markergen.presentation.tables import Table
 from markergen.read.poses import poses_from
-from markergen.units import format_length
+from markergen.units import format_length, two_digits
 
 log = logging.getLogger(__name__)
 

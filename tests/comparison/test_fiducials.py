@@ -46,14 +46,14 @@ def board_views():
 
 
 def find(image, fiducial, settings, camera=PAPER_CAMERA, factor=1):
-    found = detect_fiducial(enlarged(image, factor), fiducial, settings, camera.scaled(factor))
-    return replace(found, pixels=as_taken(found.pixels, factor))
+    sighting = detect_fiducial(enlarged(image, factor), fiducial, settings, camera.scaled(factor))
+    return replace(sighting, pixels=as_taken(sighting.pixels, factor))
 
 
 def mean_offset(views, fiducial, settings, factor=1):
-    found = [(find(image, fiducial, settings, factor=factor), truth) for image, truth in views]
-    assert not any(each.reason for each, _ in found)
-    return np.mean([(each.pixels - truth[each.ids]).mean(axis=0) for each, truth in found], axis=0)
+    pairs = [(find(image, fiducial, settings, factor=factor), truth) for image, truth in views]
+    assert not any(sighting.reason for sighting, _ in pairs)
+    return np.mean([(sighting.pixels - truth[sighting.ids]).mean(axis=0) for sighting, truth in pairs], axis=0)
 
 
 @pytest.mark.parametrize("enlarge", [1, 2])

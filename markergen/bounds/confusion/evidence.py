@@ -18,6 +18,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.defaults import PRINT_SIGMA
+from markergen.units import two_digits
 
 DECIDED = 8.0
 """Difference of evidence, in nats, from which on the detector decides."""
@@ -111,15 +112,6 @@ def odds(difference: float) -> str:
         return "about as likely as"
     factor = two_digits(np.exp(difference)) if difference < np.log(1e4) else f"10^{difference / np.log(10):.0f}"
     return f"{factor if difference < LARGE else 'over 10^40'} times as likely as"
-
-
-def two_digits(value: float) -> str:
-    """Write a number with two digits, without an exponent.
-
-    >>> two_digits(0.571), two_digits(163.4), two_digits(2981.0)
-    ('0.57', '160', '3000')
-    """
-    return f"{float(f'{value:.2g}'):g}"
 
 
 def _variances(scale: Array, size: float) -> list[Array]:

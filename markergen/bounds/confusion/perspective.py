@@ -21,12 +21,13 @@ from itertools import chain
 import numpy as np
 
 from markergen.arrays import Array, Indices
-from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds, two_digits
+from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds
 from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
 from markergen.defaults import NOISE_PX
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
+from markergen.units import two_digits
 
 MANY = 24
 """Number of dots beyond which all rivals are alike, two neighbors exchanged, and the constants ..._OF_MANY apply."""
