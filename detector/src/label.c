@@ -968,6 +968,8 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
 
 /* ---- guesses ---- */
 
+static int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
+
 /* How much longer an ellipse is than that of a disk with a normal there: the image of a small disk is proportional to
    G = A (I - n n') A', A = [I, -x]. */
 static double stretched(const double *e, double area, double x, double y, const double *n)
@@ -1495,7 +1497,7 @@ static void affine_rivals(const Scene *scene, const Layout *layout, const Labeli
 }
 
 /* Goes on from the best labeling of a board to one of more dots, such as by a row: returns 1 if there was one. */
-int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work)
+static int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work)
 {
     const Labeling *best = best_of(pool);
     if (layout->count <= MANY_DOTS || best->missing == 0 || !(best->evidence > SURE))

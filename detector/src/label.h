@@ -87,7 +87,6 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
 void settle(const Scene *scene, const Layout *layout, Labeling *labeling, double rival, Work *work);
 void fit_labeling(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
 double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling, Work *work);
-int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
 void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool);
 int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
 const Labeling *best_of(const Pool *pool);

@@ -116,11 +116,14 @@ class GroupedCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words; where one is the option of another tool, say what stands for it here."""
-        names, arguments = [str(param.name) for param in self.get_params(ctx)], tuple(args)
+        arguments = tuple(args)  # click empties the list
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter.__base__ as error:  # type: ignore[misc]
-            name = getattr(error, "option_name", "").lstrip("-")
+            name, names = (
+                getattr(error, "option_name", "").lstrip("-"),
+                {str(param.name) for param in self.get_params(ctx)},
+            )
             spec = next((word for word in arguments if word.endswith(".toml") and f"({word})" in error.message), None)
             answer = f"a spec goes with --template {spec}" if spec and "template" in names else guess(name, names)
             if answer:

@@ -64,7 +64,7 @@ CSS_PIXEL = 25.4 / PIXELS_PER_INCH
 """Size in mm of a pixel of CSS."""
 
 _MOVING = re.compile(rb"<(?:\w+:)?(?:animate\w*|set|script)\b|<[^<>]*\son[a-z]+\s*=")
-"""Elements by which a browser shows something else than a picture of the file."""
+"""Elements and attributes by which a browser shows something else than a picture of the file."""
 _AT_ENDS = re.compile(rb"\bmarker(?:-start|-mid|-end)?\s*[=:]\s*[\"']?\s*url\b")
 """Shapes at the ends of lines, which browsers draw and the reader does not."""
 
