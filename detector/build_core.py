@@ -20,9 +20,9 @@ PACKAGE = ROOT / "markergen_detect"
 LIBRARY = "libdetect.dll" if sys.platform == "win32" else "libdetect.so"
 """Name of the compiled library in the package."""
 
-FLAGS = ["-O3", "-std=c99", "-shared", "-fPIC", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS = ["-O3", "-std=c99", "-shared", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 """No instructions that other computers of the kind lack, and every operation rounded: the same numbers everywhere.
-Roots that do not set errno are one instruction, of four numbers at a time."""
+Roots that do not set errno are one instruction, of four numbers at a time, and nothing asks for exceptions."""
 
 _TARGETS = {
     ("linux", "x86_64"): "x86_64-linux-gnu.2.17",

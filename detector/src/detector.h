@@ -21,8 +21,8 @@ const char *detector_source(void);
 
 /* ---- numbers.c ---- */
 
-/* Solves N x = b for `count` columns b (n), which it replaces: Cholesky's decomposition N = L L', L in the lower triangle of N (n,
-   n), which alone is read. Pivots are `least` or more; without that, -INFINITY, a matrix that is not positive gives nan. */
+/* Solves N x = b for columns b (n, count), which it replaces, by Cholesky's decomposition of N (n, n), of which the lower triangle
+   alone is read, and is replaced. Pivots are `least` or more; without that, -INFINITY, a matrix that is not positive gives nan. */
 void solve_positive(int n, double *N, double *columns, int count, double least);
 
 /* ---- image.c ---- */

@@ -11,8 +11,8 @@
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
    semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
-   ink changes less. Tolerated error of a guess at a near dot: a share of its distance, and px; and the logarithm of a size. */
-static const double SLACK = 0.2, SLACK_PX = 0.4, GROWTH = 0.75, DRIFT = 0.2, DRIFT_PX = 1.5, ALIKE = 0.4;
+   ink changes less. Tolerated error of a guess at a near dot: a share of its distance, and px; and the ratio of areas. */
+static const double SLACK = 0.2, SLACK_PX = 0.4, GROWTH = 0.75, DRIFT = 0.2, DRIFT_PX = 1.5, ALIKE = 2.2255;
 
 /* Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring. */
 static const double DOUBTFUL = 0.25;
@@ -132,10 +132,17 @@ static void show_blob(Scene *scene, int64_t k, double focal)
         e[i] = blob->shape[i] / (focal * focal);
     circle_poses(at, e, shown->position, shown->normal);
     const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300), half = (e[0] + e[2]) / 2;
-    shown->area = sqrt(det);
+    shown->area = scene->spots[shown->spot].area = sqrt(det);
     shown->size = log(det) / 4;
     const double shorter = sqrt(larger(half - sqrt(larger(half * half - det, 0)), 1e-300));
     shown->slack = SLACK + SLACK_PX / (scene->px * focal * shorter);
+}
+
+static void place_spot(Scene *scene, int64_t k, int32_t spot)
+{
+    const Blob *blob = scene->blobs + k;
+    scene->spots[spot] = (Spot){{blob->at[0], blob->at[1]}, scene->shown[k].area, k};
+    scene->shown[k].spot = spot;
 }
 
 /* Lists the blobs by squares of the image, in each in their order. */
@@ -153,7 +160,7 @@ static void number_blobs(Scene *scene)
         end[s] += end[s - 1];
     for (int64_t k = scene->count - 1; k >= 0; k--)
         if (scene->blobs[k].known)
-            scene->member[--end[square_of(scene, scene->blobs[k].at)]] = (int32_t)k;
+            place_spot(scene, k, --end[square_of(scene, scene->blobs[k].at)]);
     /* Now end[s] is where square s begins. */
     memmove(scene->first, end, (size_t)squares * sizeof *end);
     scene->first[squares] = known;
@@ -194,9 +201,9 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->seen[0] = calloc(SEEN * ((size_t)count + LANES), sizeof(float));
     scene->taken = calloc((size_t)count + 1, 1);
     scene->first = calloc((size_t)(scene->columns * scene->rows) + 2, sizeof *scene->first);
-    scene->member = malloc((size_t)(count + 1) * sizeof *scene->member);
+    scene->spots = malloc((size_t)(count + 1) * sizeof *scene->spots);
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
-    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->member || !scene->owner)
+    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->spots || !scene->owner)
         return NO_MEMORY;
     for (int i = 1; i < SEEN; i++)
         scene->seen[i] = scene->seen[0] + i * (count + LANES);
@@ -227,7 +234,7 @@ void scene_free(Scene *scene)
     free(scene->pairs);
     free(scene->taken);
     free(scene->first);
-    free(scene->member);
+    free(scene->spots);
     free(scene->owner);
 }
 
@@ -240,6 +247,7 @@ void update_blob(Scene *scene, int64_t k)
         shown->root[i] *= scene->px;
     shown->mean = (shown->root[0] + shown->root[2]) / 2;
     const Blob *blob = scene->blobs + k;
+    memcpy(scene->spots[shown->spot].at, blob->at, sizeof blob->at);
     for (int i = 0; i < SEEN; i++)
         scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : shown->root[i - 2]);
     /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
@@ -247,6 +255,7 @@ void update_blob(Scene *scene, int64_t k)
     const double least = blob->state == FITTED ? 0.08 : blob->state == REFUSED ? 0.3 : 0.15 * larger(blob->side, 1);
     const double share = blob->state == FITTED ? 0.015 : 0.03;
     shown->sigma = hypot(least, share * shown->mean);
+    shown->broad = -1;
 }
 
 /* ---- evidence ---- */
@@ -302,13 +311,23 @@ static inline void densities_of(const Scene *scene, int64_t k, const Lanes *seen
     }
 }
 
-/* Density at a blob of clutter that none of the others shows. */
-static double broad_clutter(const Scene *scene, const Shown *shown)
+/* What is asked again and again of a labeled blob: the density at it of clutter that none of the others shows, the logarithms of
+   that, of the factor of its outline's normal distribution, and of the probability of what is seen of its kind, for a ring or a disk
+   relative to clutter, of which `rings` are rings: zero where no kind is seen. A sure ring is e^9 times as likely to be one as not:
+   with e^6, a pentagon of which a dot is hidden has no labels. A sure disk is only e^6 times: holes fill with ink, and a pentagon
+   whose ring is hidden should have none. */
+static void weigh(const Scene *scene, int64_t k)
 {
+    Shown *shown = scene->shown + k;
     const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
     /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
     const double round = larger(exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)), 0.0111);
-    return round / (2 * PI * spread * spread * sqrt(2) * s * 6.2) / frame_area(scene);
+    shown->broad = round / (2 * PI * spread * spread * sqrt(2) * s * 6.2) / frame_area(scene);
+    shown->log_broad = log(shown->broad);
+    shown->log_shape = 1.5 * log(2 * PI * shown->sigma * shown->sigma);
+    const double told = smaller(larger(18 * (scene->blobs[k].hole - 0.5), -6), 9);
+    shown->disk = -log(scene->rings * exp(told) + 1 - scene->rings);
+    shown->ring = told + shown->disk;
 }
 
 /* Densities of both kinds that the other blobs show at blob k of a labeling. */
@@ -347,7 +366,7 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
             *shaped -= less * (double)densities[0];
             *alike -= less * (double)densities[1];
         }
-    *shaped = larger(*shaped, 0) + broad_clutter(scene, shown);
+    *shaped = larger(*shaped, 0) + shown->broad;
     *alike = larger(*alike, 0) + 1 / frame_area(scene);
 }
 
@@ -371,16 +390,6 @@ static const double INK = 0.1;
    whose dots are all but two of another one is not told from that. */
 static const double MISSED = 0.01, MISSED_AT_LIMIT = 0.3, SEEN_BELOW = 0.1, COVERED = 0.04;
 static const double PLAIN_PX = 4.5, LIMIT_PX = 3, PLAIN_FACING = 0.2, LIMIT_FACING = 0.08, EDGE_PX = 3;
-
-/* Logarithm of the probability of what is seen of a blob's kind, for a ring or a disk relative to clutter, of which `rings` are
-   rings; zero where no kind is seen. A sure ring is e^9 times as likely to be one as not: with e^6, a pentagon of which a dot is
-   hidden has no labels. A sure disk is only e^6 times: holes fill with ink, and a pentagon whose ring is hidden should have
-   none. */
-static double kind_evidence(const Scene *scene, const Dot *dot, const Blob *blob)
-{
-    const double told = smaller(larger(18 * (blob->hole - 0.5), -6), 9), ratio = exp(told);
-    return (dot->ring ? told : 0) - log(scene->rings * ratio + 1 - scene->rings);
-}
 
 /* Whether a dot lies inside the image with all its outline, and a margin. */
 static int in_frame(const Scene *scene, const Outline *drawn)
@@ -445,43 +454,60 @@ static double missed_together(int64_t missing, int64_t count)
     return log((1 - COVERED) * pow(MISSED, (double)missing) * pow(1 - MISSED, (double)count) + covered + 1e-300);
 }
 
-/* The blob nearest to the place of a dot, or of one of any kind (NULL), in units of what is allowed, -1 if none is in reach. */
-static int64_t nearest_blob(const Scene *scene, const Dot *dot, const Outline *drawn, double reach, double margin, double *least)
+/* The blob nearest to a place, -1 if none is in reach: `least` is the square of its distance in units of what is allowed, `reach`
+   times its outline and `margin` around that, at most `far`. Its area is that of a dot within a factor of `ratio`, its kind the
+   dot's, unless that is NULL. */
+static inline int64_t nearest_blob(const Scene *scene, const Dot *dot, const double *at, double far, double reach, double margin,
+                                   double area, double ratio, double *least)
 {
-    const double semi = sqrt(larger(drawn->shape[0], drawn->shape[2])), far = reach * 1.9 * semi + margin;
-    const double size = 0.25 * log(larger(drawn->shape[0] * drawn->shape[2] - drawn->shape[1] * drawn->shape[1], 1e-300));
-    const double x = drawn->center[0], y = drawn->center[1], reach2 = reach * reach, margin2 = margin * margin;
+    const double reach2 = reach * reach, margin2 = margin * margin;
     int64_t which = -1, from[2], to[2];
     *least = 1;
-    if (!squares_around(scene, drawn->center, far, from, to))
+    if (!squares_around(scene, at, far, from, to))
         return -1;
     for (int64_t row = from[1]; row <= to[1]; row++) {
-        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
-        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
-        for (; member < end; member++) {
-            const Blob *blob = scene->blobs + *member;
-            const double dx = blob->at[0] - x, dy = blob->at[1] - y;
-            if (!(fabs(dx) < far && fabs(dy) < far) || scene->taken[*member])
+        const Spot *spot = scene->spots + scene->first[row * scene->columns + from[0]];
+        const Spot *end = scene->spots + scene->first[row * scene->columns + to[0] + 1];
+        for (; spot < end; spot++) {
+            const double dx = spot->at[0] - at[0], dy = spot->at[1] - at[1];
+            if (!(fabs(dx) < far && fabs(dy) < far && spot->area < area * ratio && area < spot->area * ratio) || scene->taken[spot->blob])
                 continue;
+            const Blob *blob = scene->blobs + spot->blob;
             const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
             const double yy = reach2 * blob->shape[2] + margin2;
             const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
-            const double own = scene->shown[*member].size + log(scene->focal);
-            if (square < *least && fabs(own - size) < SIZE + SLACK_PX / larger(scene->px * exp(size), 0.3) &&
-                !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
+            if (square < *least && !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
                 *least = square;
-                which = *member;
+                which = spot->blob;
             }
         }
     }
     return which;
 }
 
+/* The same for where a dot, or one of any kind (NULL), is drawn. */
+static int64_t blob_of(const Scene *scene, const Dot *dot, const Outline *drawn, double reach, double margin, double *least)
+{
+    const double *e = drawn->shape, semi = sqrt(larger(e[0], e[2])), area = sqrt(larger(e[0] * e[2] - e[1] * e[1], 1e-300));
+    const double alike = SIZE + SLACK_PX / larger(scene->px * sqrt(area), 0.3), focal = scene->focal;
+    return nearest_blob(scene, dot, drawn->center, reach * 1.9 * semi + margin, reach, margin, area / (focal * focal), exp(2 * alike),
+                        least);
+}
+
 /* Whether a blob of a dot's size, of either kind, is where the dot is: then it was not missed, although the border cuts it. */
 static int has_one(const Scene *scene, const Layout *layout, const Outline *drawn)
 {
     double least;
-    return nearest_blob(scene, NULL, drawn, smaller(NEAR_REACH, layout->reach), NEAR_PX / scene->px, &least) >= 0;
+    return blob_of(scene, NULL, drawn, smaller(NEAR_REACH, layout->reach), NEAR_PX / scene->px, &least) >= 0;
+}
+
+/* Takes half of the logarithms of products from a sum, before they leave the range of numbers. */
+static void take_roots(double *sum, double *products)
+{
+    for (int b = 0; b < BEYONDS; b++) {
+        sum[b] -= 0.5 * log(products[b]);
+        products[b] = 1;
+    }
 }
 
 /* The evidence for a labeling with a fitted pose: the logarithm of
@@ -498,17 +524,17 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
 {
     const Pose *pose = &labeling->pose;
     const int parameters = scene->calibrated ? 6 : 7;
-    double N[BEYONDS][49], sum[BEYONDS] = {0}, shapes = 0, disks = 0, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
+    double N[49][BEYONDS], sum[BEYONDS] = {0}, dets[BEYONDS] = {1, 1, 1, 1}, beyond[BEYONDS];
+    double shapes = 0, disks = 0, common = 0, weights = 1 / (INK * INK), kinds = 0, chi2 = 0;
     double offset = 0;
     const double *middle = layout->middle, *turned = pose->R + 6;
     const double far = turned[0] * middle[0] + turned[1] * middle[1] + turned[2] * middle[2] + pose->t[2];
     const double extent = scene->px * pose->focal * layout->extent / larger(far, 1e-9);
-    double beyond[BEYONDS];
     for (int b = 0; b < BEYONDS; b++)
         beyond[b] = b + 1 < BEYONDS ? BEYOND[b] : larger(BEYOND[b] + BEYOND_EXTENT * extent, BEYOND[b - 1]);
     memset(N, 0, sizeof N);
     labeling->count = labeling->missing = labeling->absent = 0;
-    labeling->evidence = -INFINITY;
+    labeling->evidence = work->judged = -INFINITY;
     double missed = 0;
     for (int64_t i = 0; i < layout->count; i++) {
         Outline *drawn = work->drawn + i;
@@ -529,6 +555,8 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
             return -INFINITY;
         const Shown *shown = scene->shown + labeling->labels[i];
         double root[3];
+        if (shown->broad < 0)
+            weigh(scene, labeling->labels[i]);
         symmetric_root(drawn->shape, root);
         const double ratio = 0.5 * log((shown->root[0] * shown->root[2] - shown->root[1] * shown->root[1]) /
                                        larger((root[0] * root[2] - root[1] * root[1]) * scene->px * scene->px, 1e-300));
@@ -543,7 +571,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     const double factor = exp(common) * scene->px;
     /* What the outlines alone tell of their plane's tilt, along it and across: information, and slope of its logarithm. */
     double plane[2] = {0}, slope[2] = {0}, outlines = 0;
-    int64_t plain = 0;
+    int64_t plain = 0, multiplied = 0;
     for (int64_t i = 0; i < layout->count; i++) {
         const int64_t k = labeling->labels[i];
         if (k < 0)
@@ -551,14 +579,14 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const Outline *drawn = work->drawn + i;
         const Shown *shown = scene->shown + k;
         const Blob *blob = scene->blobs + k;
-        double root[3], J[2][7];
+        double root[3], J[2][7], W[3][BEYONDS], miss[BEYONDS], area[BEYONDS];
         symmetric_root(drawn->shape, root);
         const double xx = shown->root[0] - factor * root[0], xy = shown->root[1] - factor * root[1];
         const double yy = shown->root[2] - factor * root[2];
         const double square = (xx * xx + 2 * xy * xy + yy * yy) / (shown->sigma * shown->sigma);
         /* One outline in ten is three times as far off. */
         const double usual = 0.9 * exp(-0.5 * square), coarse = 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300;
-        const double shape = log(usual + coarse) - 1.5 * log(2 * PI * shown->sigma * shown->sigma);
+        const double shape = log(usual + coarse) - shown->log_shape;
         /* The root changes by -r sin(tilt) m m' with the tilt, m the minor axis, and is turned with the direction of it. */
         const double cosine = smaller(drawn->facing, 1), sine = sqrt(1 - cosine * cosine), half = factor * (root[0] - root[2]) / 2;
         const double q = hypot(half, factor * root[1]), along = q > 0 ? half / q : 1, across = q > 0 ? factor * root[1] / q : 0;
@@ -570,9 +598,9 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         plane[0] += trust * radius * radius * sine * sine / (1 + cosine * cosine);
         plane[1] += trust * bend * bend / 2;
         outlines += trust * radius * radius;
-        const double kind = kind_evidence(scene, layout->dots + i, blob);
+        const double kind = layout->dots[i].ring ? shown->ring : shown->disk;
         work->shape[i] = shape;
-        shapes += shape - log(broad_clutter(scene, shown));
+        shapes += shape - shown->log_broad;
         /* Where most dots are too small to be seen, those that seem to be are others. */
         const double px = 2 * shorter_px(scene, drawn->shape);
         kinds += kind + log(px < LIMIT_PX ? SEEN_BELOW : px < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1);
@@ -584,20 +612,27 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         for (int b = 0; b < BEYONDS; b++) {
             const double more = beyond[b] * beyond[b] + print * print;
             const double a = wide * blob->spread[0] + more, c = wide * blob->spread[1], d = wide * blob->spread[2] + more;
-            const double det = a * d - c * c, W[3] = {d / det, -c / det, a / det};
-            const double miss = W[0] * x * x + 2 * W[1] * x * y + W[2] * y * y;
-            const double place = -0.5 * miss - 0.5 * log(4 * PI * PI * det);
-            sum[b] += place;
-            if (b == 2)
-                work->each[i] = place + kind;
-            if (b == 0)
-                chi2 += miss;
-            double *M = N[b];
-            for (int p = 0; p < parameters; p++) {
-                const double u = W[0] * J[0][p] + W[1] * J[1][p], v = W[1] * J[0][p] + W[2] * J[1][p];
-                for (int q = 0; q <= p; q++)
-                    M[parameters * p + q] += u * J[0][q] + v * J[1][q];
+            const double det = a * d - c * c, per = 1 / det;
+            W[0][b] = d * per;
+            W[1][b] = -c * per;
+            W[2][b] = a * per;
+            miss[b] = W[0][b] * x * x + 2 * W[1][b] * x * y + W[2][b] * y * y;
+            sum[b] -= 0.5 * miss[b];
+            dets[b] *= area[b] = 4 * PI * PI * det;
+        }
+        if (++multiplied % 8 == 0)
+            take_roots(sum, dets);
+        work->each[i] = kind - 0.5 * miss[2] - 0.5 * log(area[2]);
+        chi2 += miss[0];
+        for (int p = 0; p < parameters; p++) {
+            double u[BEYONDS], v[BEYONDS];
+            for (int b = 0; b < BEYONDS; b++) {
+                u[b] = W[0][b] * J[0][p] + W[1][b] * J[1][p];
+                v[b] = W[1][b] * J[0][p] + W[2][b] * J[1][p];
             }
+            for (int q = 0; q <= p; q++)
+                for (int b = 0; b < BEYONDS; b++)
+                    N[parameters * p + q][b] += u[b] * J[0][q] + v[b] * J[1][q];
         }
         offset += x * x + y * y;
     }
@@ -611,23 +646,23 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     double prior = -log(4 * PI * PI) - log(RANGE * 2.25 * frustum * z * z * z);
     if (parameters == 7)
         prior -= 0.5 * log(2 * PI) + 0.5 * log(pose->focal) * log(pose->focal);
+    /* The prior is no wider than a radian, its distance and a factor e in focal length: dots in a line leave one open. */
+    take_roots(sum, dets);
+    for (int b = 0; b < BEYONDS; b++)
+        for (int i = 0; i < parameters; i++) {
+            double *pivot = N[(parameters + 1) * i] + b;
+            *pivot = larger(*pivot + (i < 3 || i == 6 ? 1 : 1 / (z * z)), 1e-300);
+            sum[b] -= 0.5 * log(*pivot);
+            for (int j = i + 1; j < parameters; j++) {
+                const double factor = N[parameters * j + i][b] / *pivot;
+                for (int q = i + 1; q <= j; q++)
+                    N[parameters * j + q][b] -= factor * N[parameters * q + i][b];
+            }
+        }
     double total = -INFINITY;
     int best = 0;
     for (int b = 0; b < BEYONDS; b++) {
-        double determinant = 0;
-        /* The prior is no wider than a radian, its distance and a factor e in focal length: dots in a line leave one open. */
-        for (int i = 0; i < parameters; i++)
-            N[b][(parameters + 1) * i] += i < 3 || i == 6 ? 1 : 1 / (z * z);
-        for (int i = 0; i < parameters; i++)
-            for (int j = 0; j <= i; j++) {
-                double entry = N[b][parameters * i + j];
-                for (int q = 0; q < j; q++)
-                    entry -= N[b][parameters * i + q] * N[b][parameters * j + q];
-                N[b][parameters * i + j] = i == j ? sqrt(larger(entry, 1e-300)) : entry / N[b][parameters * j + j];
-            }
-        for (int i = 0; i < parameters; i++)
-            determinant += log(N[b][(parameters + 1) * i]);
-        sum[b] += 0.5 * parameters * log(2 * PI) - determinant + log(BEYOND_SHARE[b]);
+        sum[b] += 0.5 * parameters * log(2 * PI) + log(BEYOND_SHARE[b]);
         if (sum[b] > total) {
             total = sum[b];
             best = b;
@@ -664,7 +699,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
     labeling->evidence += smaller(shapes, disks);
     if (!(labeling->evidence < INFINITY))
         labeling->evidence = -INFINITY;
-    return labeling->evidence;
+    return work->judged = labeling->evidence;
 }
 
 /* ---- labelings ---- */
@@ -681,7 +716,7 @@ static int64_t label(const Scene *scene, const Layout *layout, const Pose *pose,
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, work->drawn + i);
         if (!work->drawn[i].seen || work->drawn[i].facing < LIMIT_FACING / 2)
             continue;
-        const int64_t k = nearest_blob(scene, layout->dots + i, work->drawn + i, reach, margin, work->least + i);
+        const int64_t k = blob_of(scene, layout->dots + i, work->drawn + i, reach, margin, work->least + i);
         if (k < 0)
             continue;
         /* Of two dots with the same blob, the farther one gets none. */
@@ -798,7 +833,8 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
     for (int round = 0; round < 3 && labeling->count > LEAST_DOTS; round++) {
         int64_t worst = -1;
         double least = -3;
-        evidence_of(scene, layout, labeling, work);
+        if (work->judged != labeling->evidence)
+            evidence_of(scene, layout, labeling, work);
         for (int64_t i = 0; i < layout->count; i++)
             if (labeling->labels[i] >= 0 && work->each[i] < least) {
                 least = work->each[i];
@@ -981,27 +1017,6 @@ static double stretched(const double *e, double area, double x, double y, const 
     return ratio > 1 ? acosh(ratio) : 0;
 }
 
-/* How close the nearest blob of about a dot's size is to its place: 1 at the place, 0 beyond the gate, less by the square of the
-   distance. */
-static double closeness(const Scene *scene, double x, double y, double gate, double size)
-{
-    int64_t from[2], to[2];
-    const double center[2] = {x, y};
-    double least = gate * gate;
-    if (!squares_around(scene, center, gate, from, to))
-        return 0;
-    for (int64_t row = from[1]; row <= to[1]; row++) {
-        const int32_t *member = scene->member + scene->first[row * scene->columns + from[0]];
-        const int32_t *end = scene->member + scene->first[row * scene->columns + to[0] + 1];
-        for (; member < end; member++) {
-            const double dx = scene->blobs[*member].at[0] - x, dy = scene->blobs[*member].at[1] - y, square = dx * dx + dy * dy;
-            if (square < least && fabs(scene->shown[*member].size - size) < ALIKE && !scene->taken[*member])
-                least = square;
-        }
-    }
-    return 1 - least / (gate * gate);
-}
-
 static void add_guess(Work *work, const Guess *guess)
 {
     if (work->guess_count < GUESSES) {
@@ -1091,8 +1106,12 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 }
                 if (!(pz > 0 && facing > 0))
                     continue;
-                const double gate = f * (DRIFT * sqrt(dx * dx + dy * dy + dz * dz) / pz + DRIFT_PX / (scene->px * f));
-                const double close = closeness(scene, f * px / pz, f * py / pz, gate, 0.5 * log(radius * radius * facing / (pz * pz * pz)));
+                /* How close the nearest blob is: 1 at the place, 0 beyond the gate, less by the square of the distance. */
+                const double per = 1 / pz, at[2] = {f * px * per, f * py * per};
+                const double gate = f * DRIFT * sqrt(dx * dx + dy * dy + dz * dz) * per + DRIFT_PX / scene->px;
+                double away_from;
+                nearest_blob(scene, NULL, at, gate, 0, gate, radius * radius * facing * per * per * per, ALIKE, &away_from);
+                const double close = 1 - away_from;
                 votes += close > 0;
                 support += close;
             }
@@ -1135,12 +1154,12 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
                     continue;
                 const int64_t own = y * scene->columns + x;
                 for (int32_t q = scene->first[own]; q < scene->first[own + 1]; q++) {
-                    const int64_t j = scene->member[q];
+                    const int64_t j = scene->spots[q].blob;
                     if (j >= before)
                         break; /* they are in order */
                     if (scene->taken[j] || j == i)
                         continue;
-                    const double dx = scene->blobs[j].at[0] - at[0], dy = scene->blobs[j].at[1] - at[1];
+                    const double dx = scene->spots[q].at[0] - at[0], dy = scene->spots[q].at[1] - at[1];
                     const double distance = dx * dx + dy * dy;
                     work->steps++;
                     if (distance > far * far || fabs(scene->shown[j].size - size) > alike ||
@@ -1350,7 +1369,7 @@ static int may_label(const Scene *scene, const Layout *layout, const Pose *pose,
         Outline drawn;
         double nearest;
         outline_of(layout->dots + i, layout->dots[i].xyz, pose, &drawn);
-        spare -= !drawn.seen || nearest_blob(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &nearest) < 0;
+        spare -= !drawn.seen || blob_of(scene, layout->dots + i, &drawn, layout->reach, GUESS_PX / scene->px, &nearest) < 0;
     }
     return spare >= 0;
 }

@@ -18,7 +18,16 @@ typedef struct {
     double area, size, slack;            /* root of the shape's determinant, half its logarithm, tolerance of guesses */
     double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with this outline */
     double clutter, alike;               /* see densities_of; -1: not asked yet, nor its row of `pairs` */
+    double broad, log_broad, log_shape;  /* see weigh; -1: not asked yet */
+    double ring, disk;                   /* logarithms of the probability of what is seen of its kind, relative to clutter: see weigh */
+    int32_t spot;
 } Shown;
+
+/* What searches ask first of a blob. */
+typedef struct {
+    double at[2], area;
+    int64_t blob;
+} Spot;
 
 /* The blobs of an image, by squares of `side`, in normalized coordinates. */
 struct Scene {
@@ -35,7 +44,8 @@ struct Scene {
     int64_t *owner; /* of each blob while labels are given: -1 */
     int64_t columns, rows;
     double low[2], side;
-    int32_t *first, *member;
+    int32_t *first;
+    Spot *spots;
 };
 
 typedef struct {
@@ -59,6 +69,7 @@ typedef struct {
     Guess *guesses;
     int64_t guess_count, replaced, steps;
     Near *near;
+    double judged; /* evidence of the labeling that `each` is of */
     uint64_t *tried;
     int cut;
 } Work;
@@ -106,9 +117,8 @@ static inline int64_t square_of(const Scene *scene, const double *at)
 /* Squares that a circle about a place meets; 0 if there are none. A blob may have left its square by a little. */
 static inline int squares_around(const Scene *scene, const double *at, double far, int64_t *from, int64_t *to)
 {
-    const double more = far + 0.02 * scene->side, side = scene->side;
-    const double left = (at[0] - more - scene->low[0]) / side, right = (at[0] + more - scene->low[0]) / side;
-    const double top = (at[1] - more - scene->low[1]) / side, bottom = (at[1] + more - scene->low[1]) / side;
+    const double per = 1 / scene->side, more = far * per + 0.02, x = (at[0] - scene->low[0]) * per, y = (at[1] - scene->low[1]) * per;
+    const double left = x - more, right = x + more, top = y - more, bottom = y + more;
     if (!(right >= 0 && bottom >= 0 && left < (double)scene->columns && top < (double)scene->rows))
         return 0;
     from[0] = left > 0 ? (int64_t)left : 0;

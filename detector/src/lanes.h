@@ -34,6 +34,12 @@ static inline Lanes read(const float *from)
 
 static inline void write(float *to, Lanes x) { memcpy(to, &x, sizeof x); }
 
+static inline float largest_of(Lanes x)
+{
+    const float a = x[0] > x[1] ? x[0] : x[1], b = x[2] > x[3] ? x[2] : x[3];
+    return a > b ? a : b;
+}
+
 static inline double sum_of(Lanes x) { return (double)((x[0] + x[1]) + (x[2] + x[3])); }
 
 /* 2^x for x from -120 to 0, within 3e-7 of it. */

@@ -287,15 +287,18 @@ static int undo_outline(const Camera *camera, const double *center, const double
 
 void outline_bend(const Camera *camera, const Blob *blob, int count, double *bend)
 {
+    memset(bend, 0, (size_t)count * sizeof *bend);
+    if (camera->lens == PINHOLE)
+        return;
     const double cosine = cos(blob->angle), sine = sin(blob->angle), a = blob->semi[0], b = blob->semi[1];
     const double mixed = (a - b) * cosine * sine;
     const double axes[4] = {a * cosine * cosine + b * sine * sine, mixed, mixed, a * sine * sine + b * cosine * cosine};
     double circle[SAMPLES][2], points[SAMPLES][2], J[SAMPLES][4], c[2], E[3], inverse[3];
     for (int i = 0; i < count; i++) {
         const double angle = 2 * acos(-1.) * (i + 0.5) / count;
-        circle[i][0] = cos(angle), circle[i][1] = sin(angle), bend[i] = 0;
+        circle[i][0] = cos(angle), circle[i][1] = sin(angle);
     }
-    if (camera->lens == PINHOLE || !undo_outline(camera, blob->center, axes, count, circle, points, J, c, E))
+    if (!undo_outline(camera, blob->center, axes, count, circle, points, J, c, E))
         return;
     invert_symmetric(E, inverse);
     for (int i = 0; i < count; i++) {

@@ -55,30 +55,43 @@ void invert_symmetric(const double *S, double *W)
     memcpy(W, result, sizeof result);
 }
 
-void solve_positive(int n, double *N, double *columns, int count, double least)
+/* As the compiler knows its number of columns. */
+static inline void solve_columns(int n, double *N, double *b, int count, double least)
 {
     /* Operations that do not wait for each other come together. */
     for (int j = 0; j < n; j++) {
-        const double pivot = N[n * j + j], root = sqrt(pivot > least ? pivot : least), inverse = 1 / root;
-        N[n * j + j] = root;
+        const double pivot = N[n * j + j], inverse = 1 / sqrt(pivot > least ? pivot : least);
+        N[n * j + j] = inverse;
         for (int i = j + 1; i < n; i++)
             N[n * i + j] *= inverse;
         for (int i = j + 1; i < n; i++)
             for (int k = j + 1; k <= i; k++)
                 N[n * i + k] -= N[n * i + j] * N[n * k + j];
     }
-    for (double *b = columns; b < columns + n * count; b += n) {
-        for (int k = 0; k < n; k++) {
-            b[k] /= N[n * k + k];
-            for (int i = k + 1; i < n; i++)
-                b[i] -= N[n * i + k] * b[k];
-        }
-        for (int i = n - 1; i >= 0; i--) {
-            b[i] /= N[n * i + i];
-            for (int k = 0; k < i; k++)
-                b[k] -= N[n * i + k] * b[i];
-        }
+    for (int k = 0; k < n; k++) {
+        for (int c = 0; c < count; c++)
+            b[count * k + c] *= N[n * k + k];
+        for (int i = k + 1; i < n; i++)
+            for (int c = 0; c < count; c++)
+                b[count * i + c] -= N[n * i + k] * b[count * k + c];
     }
+    for (int i = n - 1; i >= 0; i--) {
+        for (int c = 0; c < count; c++)
+            b[count * i + c] *= N[n * i + i];
+        for (int k = 0; k < i; k++)
+            for (int c = 0; c < count; c++)
+                b[count * k + c] -= N[n * i + k] * b[count * i + c];
+    }
+}
+
+void solve_positive(int n, double *N, double *columns, int count, double least)
+{
+    if (count == 1)
+        solve_columns(n, N, columns, 1, least);
+    else if (count == 6)
+        solve_columns(n, N, columns, 6, least);
+    else
+        solve_columns(n, N, columns, count, least);
 }
 
 double median(double *values, int64_t count)
