@@ -38,6 +38,7 @@ from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import JointRows, Joints, Pose, Views
 from markergen.errors import InputError
 from markergen.maths.rotation import inverse_pose, logarithm, pose_product, skew
+from markergen.units import two_digits
 
 LEAST, UNKNOWNS = 3, 13
 """Fewest photographs, since two rotations about axes that differ determine X and Z; parameters of X, Z and log s."""
@@ -216,7 +217,7 @@ def agreeing(
         mount = "eye-to-hand" if on_hand else "eye-in-hand"
         raise InputError(
             "robot poses of the stated direction",
-            f"inverse ones, which fit the photographs {np.sqrt(squares.cost / backward):.3g} times better",
+            f"inverse ones, which fit the photographs {_times(squares.cost, backward)} better",
             f"give the other --robot-frame, or --mounting {mount}",
         )
     index = np.arange(count)
@@ -234,7 +235,7 @@ def agreeing(
     if count > LEAST and costs[best] < CLEARLY * squares.cost:
         raise InputError(
             "photographs that have their own robot poses",
-            f"{orders[best][0]}: otherwise they fit {np.sqrt(squares.cost / costs[best]):.3g} times better",
+            f"{orders[best][0]}: otherwise they fit {_times(squares.cost, costs[best])} better",
             "correct which photograph a pose belongs to",
         )
     robot, kept = _without_wrong(views, robot, index)
@@ -377,3 +378,8 @@ def hand_eye_start(robot: Pose, moving: Pose) -> tuple[Pose, Pose, float]:
 def _rotation_near(matrix: Array) -> Array:
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def _times(cost: float, less: float) -> str:
+    """How many times better a fit with the lesser cost is, in words."""
+    return f"{two_digits(float(np.sqrt(cost / less)))} times"

@@ -26,6 +26,7 @@ from markergen.options import Progress
 from markergen.presentation.plots import INK, MUTED, SERIES, axes_of
 from markergen.presentation.results import SavableResult, json_bytes, plain
 from markergen.presentation.tables import Table, number
+from markergen.units import two_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -267,9 +268,10 @@ def _pose_sentence(name: str, pose: Pose, sigma: Array) -> str:
     def joined(values: Array, form: str) -> str:
         return " ".join(format(value, form) for value in values)
 
-    turned = np.rad2deg(logarithm(pose[0]))
+    # Rounded first, and without the sign of a zero.
+    place, turned = (np.round(values, 3) + 0.0 for values in (1e3 * pose[1], np.rad2deg(logarithm(pose[0]))))
     return (
-        f"{name}: translation {joined(1e3 * pose[1], '.3f')} mm +- {joined(1e3 * sigma[3:], '.2g')}, rotation vector "
+        f"{name}: translation {joined(place, '.3f')} mm +- {joined(1e3 * sigma[3:], '.2g')}, rotation vector "
         f"{joined(turned, '.3f')} deg +- {joined(np.rad2deg(sigma[:3]), '.2g')}."
     )
 
@@ -349,7 +351,8 @@ def _open_directions(fit: HandEyeFit) -> Iterator[str]:
                 sigma = float(np.sqrt(variance))
                 if sigma > limit:
                     axis = " ".join(f"{component:.2f}" for component in vector.round(2) + 0.0)
-                    size = f"{1e3 * sigma:.2g} mm" if what.endswith("along") else f"{np.rad2deg(sigma):.2g} deg"
+                    placed = what.endswith("along")
+                    size = f"{two_digits(1e3 * sigma)} mm" if placed else f"{two_digits(float(np.rad2deg(sigma)))} deg"
                     yield f"the {body}, {what} ({axis}) of the {frame}, is known to {size} only"
     if (sigma := float(np.sqrt(fit.covariance[12, 12]))) > OPEN_SCALE:
         yield f"the marker's scale by the robot is known to {100 * sigma:.2g} % only: photograph it from nearer, too"

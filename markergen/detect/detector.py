@@ -27,7 +27,7 @@ from markergen.model.detector_json import detector_content
 from markergen.model.marker import Marker, check_supported
 from markergen.model.rescale import poor_fit_sentence
 from markergen.model.rig import Rig, Target, planned_print
-from markergen.options import as_list
+from markergen.options import as_list, signature_of
 from markergen.options.kinds import CameraLike, TargetLike
 from markergen.read.cameras.covariance import camera_covariance as covariance_of
 from markergen.read.cameras.covariance import counted, is_exact
@@ -296,6 +296,9 @@ class Detector:
                 "give what this detector returned for the frame before",
             )
         return result.finding._replace(body=self._markers.index(result.marker))
+
+
+Detector.__signature__ = signature_of(Detector)  # type: ignore[attr-defined]
 
 
 def _marker(source: Any, name: str) -> tuple[Target, str]:

@@ -17,6 +17,7 @@ from markergen.estimators.weighted_pose import PoseEstimate
 from markergen.maths.reliability import RISK
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
+from markergen.model.planned_error import amount
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Target
 from markergen.presentation.tables import Table
@@ -376,7 +377,8 @@ def _degrees(angles: Array) -> str:
 
 
 def _sigma(pose: PoseEstimate) -> str:
-    return f"{pose.budget.rotation_deg['total']:.2g} deg, {1e3 * pose.budget.translation['total']:.2g} mm"
+    rotation, translation = pose.budget.rotation_deg["total"], 1e3 * pose.budget.translation["total"]
+    return f"{amount(float(rotation))} deg, {amount(float(translation))} mm"
 
 
 def _pose_as_dict(pose: PoseEstimate) -> dict[str, Any]:

@@ -36,6 +36,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.estimators.weighted_pose import fit_pose
 from markergen.maths.projection import perspective, to_camera
 from markergen.maths.rotation import exponential, left_jacobian, logarithm
+from markergen.model.planned_error import amount
 from markergen.model.poses import PoseDistribution
 from markergen.units import parse_duration
 
@@ -119,7 +120,7 @@ class Smoothed(Motion):
     def __repr__(self) -> str:
         place = ", ".join(f"{number:.4f}" for number in self.translation)
         rotation, translation = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
-        sigma = f"1 sigma: {np.rad2deg(rotation):.2g} deg, {1e3 * translation:.2g} mm"
+        sigma = f"1 sigma: {amount(float(np.rad2deg(rotation)))} deg, {amount(float(1e3 * translation))} mm"
         return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
 
 

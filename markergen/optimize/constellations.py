@@ -24,14 +24,17 @@ import numpy as np
 from markergen.arrays import Array, Mask
 from markergen.bounds.confusion.affine import likeness
 from markergen.bounds.confusion.perspective import LabelSafety, layout_safety
-from markergen.bounds.dot_covariances import dot_information
+from markergen.bounds.dot_covariances import body_bounds, dot_information
+from markergen.defaults import MEASURED_SIGMA
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance, moved_information, rotation_bound, translation_bound
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import Camera
 from markergen.model.feature import Feature, key_ring
 from markergen.model.goal import parse_goal
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.planned_error import KEY, PlannedError
 from markergen.model.pose_sources.cone import poses_in_words
 from markergen.model.poses import SEEN, PoseDistribution, silhouette, visibility
 from markergen.model.rig_shapes import Face
@@ -45,7 +48,7 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.certificate import Certificate, Room, candidates_of, certify_rooms
 from markergen.optimize.design import Account, Design
-from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes, sources_of
+from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes, sources_of, usual_sources
 from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of
 from markergen.optimize.ending import Ended, current_limit
 from markergen.optimize.polish import polish
@@ -472,13 +475,20 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     setting = Setting(spec.boundary, spec.camera, poses.taken(served, len(poses) - len(served)))
     noise = DotNoise(scales[0].diameter, spec.image_noise, spec.print_sigma)
     noise_text = str(noise).replace(f" of {format_length(scales[0].diameter)} dots", "")
-    sizes = ", ".join(f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales)
+    counts = [f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales]
+    sizes = ", ".join(counts)
     row = _criteria(pose[served], poses.taken(served, 0))
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)
     marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {noise_text}", {"design": row}))
     goal = f"{spec.objective} {problem.spec.aggregate} of {_in_unit(value, spec)} for {noise_text}"
     labels = [layout_safety(scale.points, scale.setting, True) for scale in scales]
+    plan = _planned(marker, covered, spec)
+    marker = replace(marker, provenance={**marker.provenance, KEY: plan.as_dict()})
+    left = len(poses) - len(served)
     account = Account(
+        f"{len(marker)} control points in a {marker.boundary}: dots in {len(scales)} sizes, {sizes}",
+        f"{left} poses see four dots of no size" if left else "",
+        plan,
         f"{len(marker)} control points of {len(scales)} sizes in a {marker.boundary}, "
         f"seen from {len(served)} poses ({poses_in_words(poses.name)})\n"
         f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales, labels)),
@@ -530,6 +540,20 @@ def _coverage_table(covered: Coverage, pose: Array) -> Table:
         cells.append([written(np.sqrt(np.mean(e[served] ** 2)) if served.any() else None, 3) for e in errors])
     sizes = [float(covered.diameters[scale[0]]) for scale in covered.scales]
     return distance_table(covered.rows(), sizes, ("least deg", "least %"), cells)
+
+
+def _planned(marker: Marker, covered: Coverage, spec: Spec) -> PlannedError:
+    """Error to plan with over the poses that are served, of the image noise and the print alone."""
+    sources, poses = usual_sources(spec), covered.poses
+
+    def rms(print_sigma: float) -> Array:
+        joint, _ = body_bounds(marker, covered.seen, spec.camera, poses, spec.image_noise, print_sigma)
+        return np.sqrt(np.mean(joint[:, covered.served] ** 2, axis=1))
+
+    rotation, translation = rms(sources.print_sigma)
+    measured = float(rms(MEASURED_SIGMA)[0]) if sources.print_sigma > MEASURED_SIGMA else None
+    farthest = float(poses.distance[covered.served].max())
+    return PlannedError(float(rotation), 1e3 * float(translation), farthest, measured, ErrorSources().exact)
 
 
 def _criteria(pose: Array, poses: PoseDistribution) -> Criteria:

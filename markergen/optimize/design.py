@@ -112,6 +112,11 @@ class Account:
 
     Attributes
     ----------
+    title : str
+        What it is, in a line.
+    unserved : str
+        How many poses see too little of it, in words; empty if none.
+    plan : PlannedError
     summary : str
     table : Table
         Expected errors.
@@ -122,6 +127,9 @@ class Account:
         Values of the JSON text in place of those of a marker; empty for a marker.
     """
 
+    title: str
+    unserved: str
+    plan: PlannedError
     summary: str
     table: Table
     warnings: tuple[str, ...]
@@ -247,7 +255,8 @@ class Design(Result):
         """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
         if self.account:
             duration = f"found in {self.seconds:.1f} s"
-            return [self.account.summary, self._bound, *self._interruption, self.account.table, duration]
+            first = self.account.summary, self.account.plan.sentence
+            return [*first, self._bound, *self._interruption, self.account.table, duration]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
         if lost:
@@ -260,34 +269,36 @@ class Design(Result):
 
     def brief(self) -> Sequence[str | Table]:
         """See `Result.brief`: the marker, what it is for, the error to plan with, and what more dots would bring."""
-        if self.account:
-            return self.parts()
         camera, poses, dots = self.spec.camera, self.setting.poses, self.dots
-        keyed = "" if self.spec.asymmetric else ", dot 0 is the key ring"
-        size = f"dots of {format_length(dots.diameter)}{keyed}" if dots.diameter else "bare points"
         usual = camera == PAPER_CAMERA, self.spec.poses == "paper"
         flags = [flag for flag, is_usual in zip(("--camera", "--poses"), usual, strict=True) if is_usual]
         yours = f"; {' and '.join(flags)} describe{'s' * (len(flags) == 1)} yours" if flags else ""
-        unseen = f"; {poses.dropped} poses do not see the whole marker" if poses.dropped else ""
+        if self.account:
+            title, unseen = self.account.title, self.account.unserved
+        else:
+            keyed = "" if self.spec.asymmetric else ", dot 0 is the key ring"
+            size = f"dots of {format_length(dots.diameter)}{keyed}" if dots.diameter else "bare points"
+            title = f"{len(self.marker)} control points in a {self.marker.boundary}: {size}"
+            unseen = f"{poses.dropped} poses do not see the whole marker" if poses.dropped else ""
         view_deg = np.rad2deg(camera.fields_of_view["horizontal"])
         near, far = poses.distance.min(), poses.distance.max()
         lines = [
-            f"{len(self.marker)} control points in a {self.marker.boundary}: {size}",
+            title,
             f"for a camera of {camera.width} x {camera.height} px, {view_deg:.0f} degrees wide, at "
             + " to ".join(dict.fromkeys(f"{distance:.2g}" for distance in (near, far)))
-            + f" m{unseen}{yours}",
+            + f" m{f'; {unseen}' if unseen else ''}{yours}",
         ]
         return [
             *lines,
             *([self.plan.sentence] if self.plan else []),
-            *filter(None, [self._kept_apart.strip(), self.outlook]),
+            *filter(None, [self._kept_apart.strip(), self._gaps.strip(), self.outlook]),
             *self._interruption,
         ]
 
     @property
     def plan(self) -> PlannedError | None:
-        """The error to plan with; None for a rig, bare points and dots of several sizes."""
-        return planned_error_of(self.body.provenance)
+        """The error to plan with; None for bare points."""
+        return self.account.plan if self.account else planned_error_of(self.body.provenance)
 
     @property
     def _interruption(self) -> list[str]:
@@ -424,7 +435,7 @@ class Design(Result):
     @property
     def _kept_apart(self) -> str:
         """A gap that was not asked for, and what it costs, in words."""
-        if self.gap.reason != IMAGES:
+        if self.account or self.gap.reason != IMAGES:
             return ""
         least, most = (f"{100 * cost:.1f}" for cost in self.found_under()["gap_costs"])
         if most == "0.0":
@@ -440,7 +451,7 @@ class Design(Result):
     @property
     def _gaps(self) -> str:
         """Distances of the spec's poses at which no four dots are in view, in words."""
-        if not self.setting.poses.dropped or self.spec.relief or not self.dots.diameter:
+        if self.account or not self.setting.poses.dropped or self.spec.relief or not self.dots.diameter:
             return ""
         poses = poses_from(self.spec.poses)
         gaps = coverage(self.marker, self.setting.camera, poses).gaps
@@ -582,7 +593,7 @@ class Design(Result):
             bounded = f" or --objective '{self.spec.objective}, {name} <= {NGON}'" if better else ""
             warnings.append(
                 f"the layout is weak for {'a ' * flat}{name}, {off} ({LAYOUTS[best]}: "
-                f"{least}){', and estimators that begin with one may flip' * flat}; "
+                f"{least}) for {self.setting.noise_words}{', and estimators that begin with one may flip' * flat}; "
                 f"use --objective {name}{bounded}, or more dots"
             )
         return warnings

@@ -30,7 +30,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.feature import RELIABLE_PIXELS
 from markergen.model.goal import parse_goal
-from markergen.model.planned_error import PlannedError
+from markergen.model.planned_error import PlannedError, degrees
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import MOST_LOSSES, MOST_POINTS, USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -220,9 +220,9 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
         Camera and poses.
     """
 
-    def degrees(points: Array, diameter: float) -> str:
+    def error(points: Array, diameter: float) -> str:
         budget = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
-        return f"{np.sqrt(np.mean(budget**2)):.3g} deg"
+        return degrees(float(np.sqrt(np.mean(budget**2))))
 
     try:
         forecaster = at_a_glance(spec, setting.poses, sources)
@@ -238,8 +238,8 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     text, half = "", next((forecast for forecast in more.values() if forecast.value <= now / 2), None)
     if half and half.n < best.n:
         size = format_length(half.diameter)
-        text = f"half the error: {half.n} dots of {size}, {degrees(half.points, half.diameter)}; "
-    return f"{text}about the least: {best.n} dots (--n auto), {degrees(best.points, best.diameter)}"
+        text = f"half the error: {half.n} dots of {size}, {error(half.points, half.diameter)}; "
+    return f"{text}about the least: {best.n} dots (--n auto), {error(best.points, best.diameter)}"
 
 
 def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "Forecaster":

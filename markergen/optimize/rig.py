@@ -97,6 +97,9 @@ REFINING = 0.05
 APART_PX = 2.4
 """Distance D in px between plates of 4 to 8 dots at which the detector decides (see `markergen.bounds.confusion`)."""
 
+HUGE = 5.0
+"""Width of a plate in m from which on its unit is doubted: poses by default follow the size, and show nothing odd."""
+
 ATTEMPTS, FARTHER = 4, 1.5
 """Number of layouts tried for a plate that is not safe enough, and factor of the affine distance from one to the next:
 from close up, perspective makes up for differences that no affine map does."""
@@ -375,27 +378,33 @@ def _account(
     # Median and RMS of the rotation in degrees, then of the translation in m.
     expected = np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
     blind = int(np.isinf(joint[0]).sum())
+    unserved = f"{blind} poses show no plate well enough to find it" if blind else ""
     rotation, translation = float(expected[0, 1]), 1e3 * float(expected[0, 3])
+    farthest = float(poses.distance[np.isfinite(joint[0])].max(initial=0.0))
     # Of the image noise and the print alone, as in the table.
-    plan = PlannedError(rotation, translation, float(poses.distance.max()), exact=ErrorSources().exact)
+    plan = PlannedError(rotation, translation, farthest, exact=ErrorSources().exact)
     in_view, dots_in_view = covered.plates.mean(), covered.count.mean()
     kind = "of the joint pose" if stored["joint"] else "of each plate alone"
+    names = ", ".join(plate.name for plate in rig.plates)
+    title = f"{stored['shape']}: {len(rig.plates)} plates ({names}) with {len(rig)} dots"
+    sizes = sorted({plate.marker.dot_diameter for plate in rig.plates}, reverse=True)
     summary = (
-        f"{stored['shape']}: {len(rig.plates)} plates ({', '.join(plate.name for plate in rig.plates)}) with "
-        f"{len(rig)} dots\n"
+        f"{title}\n"
         f"objective {stored['objective']} {kind}, seed {stored['seed']}, "
         f"{len(poses)} poses ({poses_in_words(poses.name)})\n"
         f"dots of {dots or 'the given markers'}\n"
         f"a pose sees dots of {in_view:.3g} plates, {dots_in_view:.3g} in all, on average"
-        f"{f'; {blind} see no four dots of a plate' if blind else ''}\n"
-        f"{stored['told_apart']}\n{plan.sentence}"
+        f"{f'; {unserved}' if unserved else ''}\n"
+        f"{stored['told_apart']}"
     )
     rows = [
         [name, *(f"{value:.3g}" for value in values * [1, 1, 1e3, 1e3])]
         for name, values in zip(("joint pose", "best single plate"), expected, strict=True)
     ]
     header = ["", "rotation deg, median", "RMS", "translation mm, median", "RMS"]
-    warning = f"{stored['told_apart']}; use --tag, fewer dots, more room or smaller --dot"
+    apart = f"{stored['told_apart']}; use --tag, fewer dots, more room or smaller --dot"
+    widest = 2 * max(plate.marker.boundary.radius for plate in rig.plates)
+    huge = f"a plate is {two_digits(widest)} m across: is the unit another? Write lengths as 80mm"
     results = {
         "shape": stored["shape"],
         "objective": stored["objective"],
@@ -411,7 +420,9 @@ def _account(
         "label_safety_px": safety.px,
     }  # fmt: skip
     table = Table(f"Expected error for {stored['noise']}", header, rows)
-    return Account(summary, table, (warning,) if safety.undecided > RARELY else (), certify, results)
+    warnings = (*((huge,) if widest > HUGE else ()), *((apart,) if safety.undecided > RARELY else ()))
+    title += f" of {' and '.join(map(format_length, sizes))}"
+    return Account(title, unserved, plan, summary, table, warnings, certify, results)
 
 
 def _sized(

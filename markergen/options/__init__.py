@@ -9,8 +9,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
-from inspect import Parameter, Signature
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from inspect import Parameter, Signature, formatannotation
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from markergen.errors import InputError, brief
 from markergen.options.kinds import KINDS, Kind
@@ -123,14 +124,16 @@ def _accepted(hint: Any) -> Any:
     """Replace the kinds of values in an annotation with the types they accept."""
     if get_origin(hint) is Annotated:
         return _Accepted(_kind_of(hint).accepted) if get_args(hint)[0] is object else get_args(hint)[0]
-    parts = get_args(hint)
-    if type(None) in parts and any(get_origin(part) is Annotated for part in parts):
-        return _Accepted(" | ".join("None" if part is type(None) else repr(_accepted(part)) for part in parts))
-    return hint
+    parts = [(part, _accepted(part)) for part in get_args(hint)]
+    if all(accepted is part for part, accepted in parts):
+        return hint
+    names = [formatannotation(accepted) if accepted is not type(None) else "None" for _, accepted in parts]
+    is_union = get_origin(hint) in (Union, UnionType)
+    return _Accepted(" | ".join(names) if is_union else f"{get_origin(hint).__name__}[{', '.join(names)}]")
 
 
-def signature_of(function: Any, table: type) -> Signature:
-    """Return the signature of a function with its ``**options`` spelled out as declared in a table."""
+def signature_of(function: Any, table: type | None = None) -> Signature:
+    """Return the signature of a function or class with its ``**options`` spelled out as declared in a table."""
     from inspect import signature
 
     parameters = [
@@ -141,7 +144,7 @@ def signature_of(function: Any, table: type) -> Signature:
     parameters = [parameter.replace(annotation=_accepted(parameter.annotation)) for parameter in parameters]
     options = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=declared(table)[name].default, annotation=_accepted(hint))
-        for name, hint in get_type_hints(table, include_extras=True).items()
+        for name, hint in (get_type_hints(table, include_extras=True) if table else {}).items()
     ]
     return Signature([*parameters, *options], return_annotation=signature(function).return_annotation)
 

@@ -22,6 +22,9 @@ from markergen.errors import MissingLibraryError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+LONG = 1e6
+"""Value from which on a number is written with an exponent."""
+
 WIDTH = 100
 """Line width in characters if there is no terminal to set it; no table needs more."""
 
@@ -112,12 +115,15 @@ def _print_bold(lines: Iterable[str], file: TextIO) -> None:
 def number(value: float | None, digits: int = 3) -> str:
     """Format a number with the given significant digits; a dash for None, ``<1e-6`` for rounding errors.
 
-    >>> number(0.12345), number(None), number(3e-9)
-    ('0.123', '-', '<1e-6')
+    >>> number(0.12345), number(None), number(3e-9), number(343.2, 2)
+    ('0.123', '-', '<1e-6', '340')
     """
     if value is None:
         return "-"
-    return "<1e-6" if 0 < abs(value) < 1e-6 else f"{value:#.{digits}g}".rstrip(".")
+    if 0 < abs(value) < 1e-6:
+        return "<1e-6"
+    text = f"{value:#.{digits}g}".rstrip(".")
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < LONG else text
 
 
 def percent(share: float | None) -> str:

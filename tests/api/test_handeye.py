@@ -126,17 +126,20 @@ def test_refusals_are_one_line_and_nothing_is_written(words, named, here, capfd)
     assert not (here / "not.json").exists()
 
 
-def test_directions_are_open_where_their_sigma_is_large():
-    robot = RobotPoses(np.tile(np.eye(3), (2, 1, 1)), np.array([[0.6, 0, 0], [0, 0.1, 0]]), np.zeros(1), FIXED, True)
+def test_directions_are_open_where_their_sigma_is_large_and_a_zero_has_no_sign():
+    places = np.array([[0.6, -1e-9, 0], [0, 0.1, 0]])
+    robot = RobotPoses(np.tile(np.eye(3), (2, 1, 1)), places, np.zeros(1), FIXED, True)
     covariance = np.diag([1e-3] * 3 + [1e-3] * 3 + [1e-3] * 3 + [1e-3] * 3 + [1e-3]) ** 2
-    adjustment = SimpleNamespace(views=SimpleNamespace(translation=np.array([[0, 0, 0.5]])))
-    result = HandEye(HandEyeFit(robot, adjustment, covariance, np.zeros((0, 6))), (), (), {})
+    views, network = SimpleNamespace(translation=np.array([[0, 0, 0.5]])), SimpleNamespace(freedom=())
+    adjustment = SimpleNamespace(views=views, rms=0.01, network=network)
+    result = HandEye(HandEyeFit(robot, adjustment, covariance, np.zeros((1, 6))), (), (), {})
+    assert not [sentence for sentence in result.brief() if "-0.000" in sentence]
     assert not result.open
     covariance[9:12, 9:12] += 0.3**2 * np.outer([0, 0.6, -0.8], [0, 0.6, -0.8])
     covariance[0, 0] = np.deg2rad(5) ** 2
     turned, moved = result.open
     assert ("marker" in turned, "(1.00 0.00 0.00)" in turned, "5 deg" in turned) == (True, True, True)
-    assert ("camera" in moved, "(0.00 -0.60 0.80)" in moved, "3e+02 mm" in moved) == (True, True, True)
+    assert ("camera" in moved, "(0.00 -0.60 0.80)" in moved, "300 mm" in moved) == (True, True, True)
     beside = HandEye(replace(result.fit, robot=replace(robot, on_hand=False)), (), (), {})
     assert "marker" in beside.open[1]
 

@@ -41,7 +41,19 @@ def test_a_rig_has_that_of_its_validation():
     headline = validate(rig.rig, runs=0, views=0).headline
     farthest = float(rig.poses.distance.max())
     plan = PlannedError(headline["rotation_deg"], headline["translation_mm"], farthest, exact="scale and calibration")
-    assert plan.sentence in rig.brief()[0]
+    assert plan.sentence in rig.brief()
+    assert rig.brief()[0].startswith("pair: 2 plates (left, right) with 8 dots of ")
+
+
+def test_dots_of_several_sizes_have_that_of_their_validation():
+    pad = design(n="auto", radius="0.2m", poses="cone:distance=0.15..1.5m,tilt=0..30,count=24", restarts=1)
+    assert len(pad.covered.scales) > 1
+    headline = validate(pad.marker, runs=0, views=0).headline
+    assert headline["rotation_deg"] == pytest.approx(pad.plan.rotation_deg, rel=1e-3)
+    assert headline["translation_mm"] == pytest.approx(pad.plan.translation_mm, rel=1e-3)
+    assert planned_error_of(pad.marker.provenance).amounts == pad.plan.amounts
+    assert pad.plan.sentence in pad.brief()
+    assert len(pad.brief()) < 5
 
 
 def test_a_measured_print_is_better(found):

@@ -121,6 +121,11 @@ def test_a_rig_with_tags():
     assert not found.warnings
 
 
+def test_a_plate_in_meters_that_were_millimeters_is_doubted():
+    found = mg.rig("pair", plate=100, n=4, restarts=1, tag="aruco:DICT_4X4_50")
+    assert found.warnings == ("a plate is 140 m across: is the unit another? Write lengths as 80mm",)
+
+
 @pytest.mark.long
 def test_plates_that_look_the_same_are_warned_about():
     found = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")

@@ -107,6 +107,7 @@ def test_functions_show_the_keywords_that_are_declared(table):
     parameters = inspect.signature(function).parameters
     assert set(declared(table)) <= set(parameters)
     assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
+    assert "Kind(" not in str(inspect.signature(function))
 
 
 @pytest.mark.parametrize(
@@ -117,3 +118,4 @@ def test_a_detector_has_the_defaults_that_are_declared(function, table):
     parameters = inspect.signature(function).parameters
     for name, option in declared(table).items():
         assert parameters[name].default == option.default, name
+    assert "Kind(" not in str(parameters)

@@ -57,7 +57,15 @@ def test_a_result_shows_its_parts_in_order():
 
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
-    [(None, 3, "-"), (0.0, 3, "0.00"), (1234.0, 3, "1.23e+03"), (123.0, 3, "123"), (1e-7, 3, "<1e-6"), (2.5, 2, "2.5")],
+    [
+        (None, 3, "-"),
+        (0.0, 3, "0.00"),
+        (1234.0, 3, "1230"),
+        (1.234e6, 3, "1.23e+06"),
+        (123.0, 3, "123"),
+        (1e-7, 3, "<1e-6"),
+        (2.5, 2, "2.5"),
+    ],
 )
 def test_numbers_have_as_many_digits_as_asked_for(value, digits, text):
     assert number(value, digits) == text

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from markergen.cli import console
-from markergen.cli.options import Json, rig_suffixes, with_options
+from markergen.cli.options import Details, Json, rig_suffixes, with_options
 from markergen.options.rig import RigKeywords
 
 
@@ -20,13 +20,14 @@ def _shapes() -> list[tuple[str, str]]:
 @with_options(
     RigKeywords,
     listed={"Shapes": _shapes, "Suffixes for a rig": rig_suffixes},
-    first="template edge height pitch plate angle n camera poses dot tag paper output",
+    first="template edge height pitch plate angle n camera poses dot tag paper output details",
 )
 def rig(
     shape: Annotated[
         list[str] | None, typer.Argument(metavar="SHAPE", help="One of those above; or that of the --template.")
     ] = None,
     json: Json = None,
+    details: Details = False,
     **options: Any,
 ) -> None:
     """Design a body with a marker on every face, for one pose from all dots in view; <stem>.json always comes with it.
@@ -43,6 +44,6 @@ def rig(
     options.setdefault("output", [Path("rig.json")])
     with console.interruptible() as limit, console.progress_bar() as progress:
         result = find(" ".join(shape or ()), progress=progress, json=console.file_of(json), **options)
-    console.print_result(result, json)
+    console.print_result(result, json, details=details)
     if limit.asked:
         raise console.Terminated
