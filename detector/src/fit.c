@@ -654,7 +654,7 @@ static int leave_out(Descent *dot)
     }
     if (sectors_left_out(dot) > MAX_LEFT_OUT)
         dot->alive = 0;
-    return (changes[0] | changes[1] | changes[2] | changes[3]) != 0;
+    return any(changes);
 }
 
 static void descend(Descent *dot)

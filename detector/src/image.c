@@ -816,7 +816,7 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
         count += weight[i];
     }
     Flags found = (count >= MIN_NORMALS[pass]) & (median >= MIN_STEP) & (uneven < MAX_UNEVEN[pass] * median);
-    if (!(found[0] | found[1] | found[2] | found[3]))
+    if (!any(found))
         return found;
 
     for (int done = 1; done <= ROUNDS[pass]; done++) {

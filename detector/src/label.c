@@ -99,14 +99,16 @@ static void eigen(double A[3][3], double *values, double V[3][3])
    The ellipse's dual conic D is proportional to I - n n' - P P' (see outline_of). With eigenvalues m1 >= m2 > 0 > m3 of D and
    a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with s^2 = a (b - 1)/(b - a), and P follows from
    P P' = I - D/m1 - n n'. */
-static void circle_poses(const double *c, const double *e, double (*position)[3], double (*normal)[3])
+static void circle_poses(const Blob *blob, double focal, double (*position)[3], double (*normal)[3])
 {
+    const double c[2] = {blob->at[0] / focal, blob->at[1] / focal}, square = focal * focal;
+    const double e[3] = {blob->shape[0] / square, blob->shape[1] / square, blob->shape[2] / square};
     double D[3][3] = {{e[0] - c[0] * c[0], e[1] - c[0] * c[1], -c[0]}, {e[1] - c[0] * c[1], e[2] - c[1] * c[1], -c[1]},
                       {-c[0], -c[1], -1}}, A[3][3], V[3][3], m[3];
     memcpy(A, D, sizeof A);
     eigen(A, m, V);
-    const double a = 1 - m[1] / m[2], b = 1 - m[0] / m[2], square = a * (b - 1) / (b - a);
-    const double s = sqrt(smaller(larger(square, 0), 1)), k = sqrt(1 - s * s);
+    const double a = 1 - m[1] / m[2], b = 1 - m[0] / m[2];
+    const double s = sqrt(smaller(larger(a * (b - 1) / (b - a), 0), 1)), k = sqrt(1 - s * s);
     for (int side = 0; side < 2; side++) {
         double n[3], gram[3], facing = 0;
         for (int i = 0; i < 3; i++)
@@ -123,26 +125,28 @@ static void circle_poses(const double *c, const double *e, double (*position)[3]
     }
 }
 
+/* Writes where and how large a blob is to its place in the squares. */
+static void place_spot(Scene *scene, int64_t k)
+{
+    const int64_t spot = scene->shown[k].spot;
+    for (int a = 0; a < 2; a++)
+        scene->spots[a][spot] = (float)scene->blobs[k].at[a];
+    scene->spots[2][spot] = (float)scene->shown[k].area;
+    scene->member[spot] = (int32_t)k;
+}
+
 static void show_blob(Scene *scene, int64_t k, double focal)
 {
-    const Blob *blob = scene->blobs + k;
     Shown *shown = scene->shown + k;
-    double at[2] = {blob->at[0] / focal, blob->at[1] / focal}, e[3];
+    double e[3];
     for (int i = 0; i < 3; i++)
-        e[i] = blob->shape[i] / (focal * focal);
-    circle_poses(at, e, shown->position, shown->normal);
+        e[i] = scene->blobs[k].shape[i] / (focal * focal);
     const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300), half = (e[0] + e[2]) / 2;
-    shown->area = scene->spots[shown->spot].area = sqrt(det);
+    shown->area = sqrt(det);
+    place_spot(scene, k);
     shown->size = log(det) / 4;
     const double shorter = sqrt(larger(half - sqrt(larger(half * half - det, 0)), 1e-300));
     shown->slack = SLACK + SLACK_PX / (scene->px * focal * shorter);
-}
-
-static void place_spot(Scene *scene, int64_t k, int32_t spot)
-{
-    const Blob *blob = scene->blobs + k;
-    scene->spots[spot] = (Spot){{blob->at[0], blob->at[1]}, scene->shown[k].area, k};
-    scene->shown[k].spot = spot;
 }
 
 /* Lists the blobs by squares of the image, in each in their order. */
@@ -160,10 +164,13 @@ static void number_blobs(Scene *scene)
         end[s] += end[s - 1];
     for (int64_t k = scene->count - 1; k >= 0; k--)
         if (scene->blobs[k].known)
-            place_spot(scene, k, --end[square_of(scene, scene->blobs[k].at)]);
+            scene->shown[k].spot = --end[square_of(scene, scene->blobs[k].at)];
     /* Now end[s] is where square s begins. */
     memmove(scene->first, end, (size_t)squares * sizeof *end);
     scene->first[squares] = known;
+    for (int64_t k = 0; k < scene->count; k++)
+        if (scene->blobs[k].known)
+            place_spot(scene, k);
 }
 
 /* Number of blobs up to which their densities are kept, 8 MB of which only rows of labeled blobs are touched: the search for a
@@ -197,16 +204,21 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->low[0] = low[0];
     scene->low[1] = low[1];
     scene->shown = malloc((size_t)(count + 1) * sizeof *scene->shown);
-    scene->pairs = count <= MOST_PAIRED ? malloc((size_t)(count * count + 1) * sizeof *scene->pairs) : NULL;
-    scene->seen[0] = calloc(SEEN * ((size_t)count + LANES), sizeof(float));
-    scene->taken = calloc((size_t)count + 1, 1);
+    scene->room = count + LANES;
+    scene->pairs = count <= MOST_PAIRED ? malloc(2 * (size_t)(count * scene->room + 1) * sizeof *scene->pairs) : NULL;
+    scene->seen[0] = calloc(SEEN * (size_t)scene->room, sizeof(float));
+    scene->taken = malloc((size_t)scene->room);
     scene->first = calloc((size_t)(scene->columns * scene->rows) + 2, sizeof *scene->first);
-    scene->spots = malloc((size_t)(count + 1) * sizeof *scene->spots);
+    scene->spots[0] = calloc(3 * (size_t)scene->room, sizeof(float));
+    scene->member = malloc((size_t)scene->room * sizeof *scene->member);
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
-    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->spots || !scene->owner)
+    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->spots[0] || !scene->member || !scene->owner)
         return NO_MEMORY;
     for (int i = 1; i < SEEN; i++)
-        scene->seen[i] = scene->seen[0] + i * (count + LANES);
+        scene->seen[i] = scene->seen[0] + i * scene->room;
+    memset(scene->taken, 1, (size_t)scene->room);
+    for (int i = 1; i < 3; i++)
+        scene->spots[i] = scene->spots[0] + i * scene->room;
     for (int64_t k = 0; k < count; k++) {
         scene->owner[k] = -1;
         scene->shown[k].clutter = -1;
@@ -234,7 +246,8 @@ void scene_free(Scene *scene)
     free(scene->pairs);
     free(scene->taken);
     free(scene->first);
-    free(scene->spots);
+    free(scene->spots[0]);
+    free(scene->member);
     free(scene->owner);
 }
 
@@ -247,7 +260,7 @@ void update_blob(Scene *scene, int64_t k)
         shown->root[i] *= scene->px;
     shown->mean = (shown->root[0] + shown->root[2]) / 2;
     const Blob *blob = scene->blobs + k;
-    memcpy(scene->spots[shown->spot].at, blob->at, sizeof blob->at);
+    place_spot(scene, k);
     for (int i = 0; i < SEEN; i++)
         scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : shown->root[i - 2]);
     /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
@@ -276,39 +289,47 @@ static const double FOLLOWS = 0.25;
 
 static double frame_area(const Scene *scene) { return (double)scene->camera->width * (double)scene->camera->height; }
 
-/* (1 - q/32)^16, which is exp(-q/2) but for 1 % where it is large, in a tenth of the time: a labeling of 24 dots asks 576 times. */
+/* (1 - q/32)^16 of q/32, which is exp(-q/2) but for 1 % where it is large, in a tenth of the time: a labeling of 24 dots asks 576
+   times. */
 static inline Lanes bump(Lanes q)
 {
-    const Lanes a = most_of(1 - q / 32, all(0)), b = a * a, c = b * b, d = c * c;
+    const Lanes a = most_of(1 - q, all(0)), b = a * a, c = b * b, d = c * c;
     return d * d;
 }
 
-/* Densities of both kinds at blob k that LANES others show, whose `seen` these are. */
-static inline void densities_of(const Scene *scene, int64_t k, const Lanes *seen, float (*densities)[2])
+/* What the densities at a blob depend on: its `seen`; for squares of distances, 1/32 of their inverse variances; and largest values. */
+typedef struct {
+    float seen[SEEN], of_narrow, of_wide, of_disk, of_region, of_near, even, region, near, narrow, wide;
+} Kernel;
+
+static Kernel kernel_of(const Scene *scene, int64_t k)
 {
     const Shown *shown = scene->shown + k;
-    const float mean = (float)(shown->mean * shown->mean), narrow = (float)(shown->sigma * shown->sigma);
-    const float wide = (float)larger(9 * narrow, 0.01f * mean);
+    const double mean = shown->mean * shown->mean, narrow = shown->sigma * shown->sigma, wide = larger(9 * narrow, 0.01 * mean);
+    /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
+    const double width = 0.06 * (double)scene->camera->width, one = width * width, other = smaller(64 * mean, one);
+    const double shape = 15.749610 /* (2 pi)^1.5 */;
+    Kernel kernel = {
+        .of_narrow = (float)(1 / (32 * narrow)), .of_wide = (float)(1 / (32 * wide)), .of_disk = (float)(1 / (2 * mean)),
+        .of_region = (float)(1 / (32 * one)), .of_near = (float)(1 / (32 * other)), .even = (float)(0.25 / frame_area(scene)),
+        .region = (float)(0.25 / (2 * PI * one)), .near = (float)(0.5 / (2 * PI * other)),
+        .narrow = (float)(0.8 / (shape * narrow * shown->sigma)), .wide = (float)(0.2 / (shape * wide * sqrt(wide))),
+    };
+    for (int i = 0; i < SEEN; i++)
+        kernel.seen[i] = scene->seen[i][k];
+    return kernel;
+}
+
+/* Densities of both kinds at a blob that LANES others show, from this one on. */
+static inline void densities_of(const Scene *scene, const Kernel *at, int64_t from, Lanes *shaped, Lanes *alike)
+{
     Lanes off[SEEN];
     for (int i = 0; i < SEEN; i++)
-        off[i] = scene->seen[i][k] - seen[i];
-    const Lanes square = off[2] * off[2] + 2 * off[3] * off[3] + off[4] * off[4];
-    const Lanes like = bump(square / wide), disk = bump(square / (0.0625f * mean));
-    memset(densities, 0, LANES * sizeof *densities);
-    if (!(sum_of(like + disk) > 0))
-        return;
-    /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
-    const float wide_px = 0.06f * (float)scene->camera->width, one = wide_px * wide_px, other = (float)smaller(64 * mean, one);
-    const Lanes apart = off[0] * off[0] + off[1] * off[1];
-    const Lanes place = (float)(0.25 / frame_area(scene)) +
-                        (0.25f / one * bump(apart / one) + 0.5f / other * bump(apart / other)) / (float)(2 * PI);
-    const Lanes shaped = place / 15.749610f /* (2 pi)^1.5 */ *
-                         (0.8f / (narrow * sqrtf(narrow)) * bump(square / narrow) + 0.2f / (wide * sqrtf(wide)) * like);
-    const Lanes alike = place * disk;
-    for (int l = 0; l < LANES; l++) {
-        densities[l][0] = shaped[l];
-        densities[l][1] = alike[l];
-    }
+        off[i] = at->seen[i] - read(scene->seen[i] + from);
+    const Lanes square = off[2] * off[2] + 2 * off[3] * off[3] + off[4] * off[4], apart = off[0] * off[0] + off[1] * off[1];
+    const Lanes place = at->even + at->region * bump(at->of_region * apart) + at->near * bump(at->of_near * apart);
+    *shaped = place * (at->narrow * bump(at->of_narrow * square) + at->wide * bump(at->of_wide * square));
+    *alike = place * bump(at->of_disk * square);
 }
 
 /* What is asked again and again of a labeled blob: the density at it of clutter that none of the others shows, the logarithms of
@@ -334,37 +355,34 @@ static void weigh(const Scene *scene, int64_t k)
 static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n, double *shaped, double *alike)
 {
     Shown *shown = scene->shown + k;
-    float(*row)[2] = scene->pairs ? scene->pairs + k * scene->count : NULL, four[LANES][2];
-    Lanes seen[SEEN];
+    float *row = scene->pairs ? scene->pairs + 2 * k * scene->room : NULL;
+    Kernel at = {.even = 0};
+    Lanes densities[2];
+    if (shown->clutter < 0 || !row)
+        at = kernel_of(scene, k);
     if (shown->clutter < 0) {
-        shown->clutter = shown->alike = 0;
-        for (int64_t first = 0; first < scene->count; first += LANES) {
-            for (int i = 0; i < SEEN; i++)
-                seen[i] = read(scene->seen[i] + first);
-            densities_of(scene, k, seen, four);
-            const int64_t end = scene->count - first < LANES ? scene->count - first : LANES;
-            for (int64_t l = 0; l < end; l++)
-                if (first + l != k && !scene->taken[first + l]) {
-                    shown->clutter += (double)four[l][0];
-                    shown->alike += (double)four[l][1];
-                }
+        double sums[2][LANES] = {{0}};
+        for (int64_t from = 0; from < scene->count; from += LANES) {
+            densities_of(scene, &at, from, densities, densities + 1);
             if (row)
-                memcpy(row + first, four, (size_t)end * sizeof *four);
+                for (int i = 0; i < 2; i++)
+                    write(row + i * scene->room + from, densities[i]);
+            for (int l = 0; l < LANES; l++)
+                for (int i = 0; i < 2; i++)
+                    sums[i][l] += scene->taken[from + l] || from + l == k ? 0 : (double)densities[i][l];
         }
+        shown->clutter = (sums[0][0] + sums[0][1]) + (sums[0][2] + sums[0][3]);
+        shown->alike = (sums[1][0] + sums[1][1]) + (sums[1][2] + sums[1][3]);
     }
     *shaped = shown->clutter;
     *alike = shown->alike;
     for (int64_t i = 0; i < n; i++)
         if (labels[i] >= 0 && labels[i] != k) {
             const double less = labels[i] < k ? 1 - FOLLOWS : 1;
-            const float *densities = row ? row[labels[i]] : four[0];
-            if (!row) {
-                for (int j = 0; j < SEEN; j++)
-                    seen[j] = all(scene->seen[j][labels[i]]);
-                densities_of(scene, k, seen, four);
-            }
-            *shaped -= less * (double)densities[0];
-            *alike -= less * (double)densities[1];
+            if (!row)
+                densities_of(scene, &at, labels[i], densities, densities + 1);
+            *shaped -= less * (double)(row ? row[labels[i]] : densities[0][0]);
+            *alike -= less * (double)(row ? row[scene->room + labels[i]] : densities[1][0]);
         }
     *shaped = larger(*shaped, 0) + shown->broad;
     *alike = larger(*alike, 0) + 1 / frame_area(scene);
@@ -465,20 +483,29 @@ static inline int64_t nearest_blob(const Scene *scene, const Dot *dot, const dou
     *least = 1;
     if (!squares_around(scene, at, far, from, to))
         return -1;
+    /* Four at a time, with room for rounding; what is behind a row's end is somewhere else. */
+    const float x = (float)at[0], y = (float)at[1], beyond = 1.0001f * (float)far, low = 0.9999f * (float)(area / ratio);
+    const float high = 1.0001f * (float)(area * ratio);
     for (int64_t row = from[1]; row <= to[1]; row++) {
-        const Spot *spot = scene->spots + scene->first[row * scene->columns + from[0]];
-        const Spot *end = scene->spots + scene->first[row * scene->columns + to[0] + 1];
-        for (; spot < end; spot++) {
-            const double dx = spot->at[0] - at[0], dy = spot->at[1] - at[1];
-            if (!(fabs(dx) < far && fabs(dy) < far && spot->area < area * ratio && area < spot->area * ratio) || scene->taken[spot->blob])
-                continue;
-            const Blob *blob = scene->blobs + spot->blob;
-            const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
-            const double yy = reach2 * blob->shape[2] + margin2;
-            const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
-            if (square < *least && !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
-                *least = square;
-                which = spot->blob;
+        const int64_t end = scene->first[row * scene->columns + to[0] + 1];
+        for (int64_t spot = scene->first[row * scene->columns + from[0]]; spot < end; spot += LANES) {
+            const Lanes size = read(scene->spots[2] + spot);
+            const Flags there = (magnitude(read(scene->spots[0] + spot) - x) < beyond) & (size > low) & (size < high) &
+                                (magnitude(read(scene->spots[1] + spot) - y) < beyond);
+            for (int l = 0; l < LANES && any(there); l++) {
+                if (!there[l] || spot + l >= end || scene->taken[scene->member[spot + l]])
+                    continue;
+                const int64_t k = scene->member[spot + l];
+                const Blob *blob = scene->blobs + k;
+                const double own = scene->shown[k].area, dx = blob->at[0] - at[0], dy = blob->at[1] - at[1];
+                const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
+                const double yy = reach2 * blob->shape[2] + margin2;
+                const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
+                if (square < *least && fabs(dx) < far && fabs(dy) < far && own < area * ratio && area < own * ratio &&
+                    !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
+                    *least = square;
+                    which = k;
+                }
             }
         }
     }
@@ -1006,15 +1033,14 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
 
 static int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
 
-/* How much longer an ellipse is than that of a disk with a normal there: the image of a small disk is proportional to
+/* How much longer an ellipse is than that of a disk with a normal there, as the hyperbolic cosine of the logarithm: the image of a small disk is proportional to
    G = A (I - n n') A', A = [I, -x]. */
 static double stretched(const double *e, double area, double x, double y, const double *n)
 {
     const double ax = n[0] - x * n[2], ay = n[1] - y * n[2];
     const double xx = 1 + x * x - ax * ax, yy = 1 + y * y - ay * ay, xy = x * y - ax * ay;
     const double det = larger(xx * yy - xy * xy, 1e-12);
-    const double ratio = (e[0] * yy + e[2] * xx - 2 * e[1] * xy) / (2 * area * sqrt(det));
-    return ratio > 1 ? acosh(ratio) : 0;
+    return (e[0] * yy + e[2] * xx - 2 * e[1] * xy) / (2 * area * sqrt(det));
 }
 
 static void add_guess(Work *work, const Guess *guess)
@@ -1034,8 +1060,8 @@ static void add_guess(Work *work, const Guess *guess)
     }
 }
 
-/* Poses guessed from blob `i` as the first and `j` as the second of a pair of dots: the outline of the first gives the plane,
-   twice, up to the rotation about its normal; the ray through the second meets that plane where its dot is. */
+/* Poses guessed from blob `i`, which work->position and work->normal are of, as the first and `j` as the second of a pair of dots:
+   the outline of the first gives the plane, twice, up to the rotation about its normal; the ray through the second meets that plane where its dot is. */
 static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, int64_t least, Work *work)
 {
     const Constellation *part = layout->constellations + which;
@@ -1043,14 +1069,12 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
     const Shown *first = scene->shown + i, *second = scene->shown + j;
     const double f = scene->focal, x = scene->blobs[j].at[0] / f, y = scene->blobs[j].at[1] / f;
     const double allowed = hypot(first->slack, second->slack), limit = exp(allowed), growth = exp(2 * GROWTH * allowed);
-    double e[3];
-    for (int a = 0; a < 3; a++)
-        e[a] = scene->blobs[j].shape[a] / (f * f);
+    const double *e = scene->blobs[j].shape, area = f * f * second->area, longest = (limit + 1 / limit) / 2;
     for (int side = 0; side < 2; side++) {
-        const double *p = first->position[side], *n = first->normal[side];
+        const double *p = work->position[side], *n = work->normal[side];
         const double toward = n[0] * x + n[1] * y + n[2];
         work->steps++;
-        if (!(toward < 0) || !(stretched(e, second->area, x, y, n) < allowed))
+        if (!(toward < 0) || !(stretched(e, area, x, y, n) < longest))
             continue;
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
         int64_t low = 0, high = part->pair_count;
@@ -1154,12 +1178,12 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
                     continue;
                 const int64_t own = y * scene->columns + x;
                 for (int32_t q = scene->first[own]; q < scene->first[own + 1]; q++) {
-                    const int64_t j = scene->spots[q].blob;
+                    const int64_t j = scene->member[q];
                     if (j >= before)
                         break; /* they are in order */
                     if (scene->taken[j] || j == i)
                         continue;
-                    const double dx = scene->spots[q].at[0] - at[0], dy = scene->spots[q].at[1] - at[1];
+                    const double dx = scene->blobs[j].at[0] - at[0], dy = scene->blobs[j].at[1] - at[1];
                     const double distance = dx * dx + dy * dy;
                     work->steps++;
                     if (distance > far * far || fabs(scene->shown[j].size - size) > alike ||
@@ -1242,6 +1266,7 @@ enum { MANY_DOTS = 16, NEAR_BLOBS = 16, NEAREST_BLOBS = 6, RINGED_BLOBS = 40 };
 static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int64_t fresh, int64_t blobs, int strong, Work *work)
 {
     const int ring = layout->ringed && scene->blobs[i].hole > 1 - DOUBTFUL;
+    int posed = 0;
     for (int32_t c = 0; c < layout->constellation_count; c++) {
         const Constellation *part = layout->constellations + c;
         const int64_t near = part->near_count, usual = near / 2 > 2 ? near / 2 : 2 < near ? 2 : near;
@@ -1255,8 +1280,11 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
         if (count < LEAST_DOTS - 1)
             continue;
         for (int64_t q = 0; q < count; q++)
-            if (i >= fresh || work->near[q].blob >= fresh)
+            if (i >= fresh || work->near[q].blob >= fresh) {
+                if (!posed++)
+                    circle_poses(scene->blobs + i, scene->focal, work->position, work->normal);
                 guess_pair(scene, layout, c, i, work->near[q].blob, least, work);
+            }
     }
 }
 
@@ -1635,8 +1663,6 @@ void mirror_scene(Scene *scene)
             scene->blobs[k].shape[1] = -scene->blobs[k].shape[1];
             scene->blobs[k].spread[1] = -scene->blobs[k].spread[1];
             update_blob(scene, k);
-            show_blob(scene, k, scene->focal);
-            scene->shown[k].clutter = -1;
         }
     number_blobs(scene);
 }

@@ -16,18 +16,11 @@ static const double SURE = 13.8;
 typedef struct {
     double root[3], mean, sigma;         /* symmetric root of the shape, half its trace, standard deviation of its entries: px */
     double area, size, slack;            /* root of the shape's determinant, half its logarithm, tolerance of guesses */
-    double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with this outline */
     double clutter, alike;               /* see densities_of; -1: not asked yet, nor its row of `pairs` */
     double broad, log_broad, log_shape;  /* see weigh; -1: not asked yet */
     double ring, disk;                   /* logarithms of the probability of what is seen of its kind, relative to clutter: see weigh */
-    int32_t spot;
+    int64_t spot; /* its place in the squares */
 } Shown;
-
-/* What searches ask first of a blob. */
-typedef struct {
-    double at[2], area;
-    int64_t blob;
-} Spot;
 
 /* The blobs of an image, by squares of `side`, in normalized coordinates. */
 struct Scene {
@@ -39,13 +32,14 @@ struct Scene {
     int64_t count;
     Shown *shown;
     float *seen[SEEN]; /* of each blob: `at` and `root`, px; 0 for those that are not known */
-    float (*pairs)[2]; /* (count, count): densities_of a blob that another one shows; NULL if there are too many */
+    int64_t room;      /* for as many, and LANES more */
+    float *pairs;      /* (count, 2, room): densities_of a blob that another one shows; NULL if there are too many */
     uint8_t *taken;
     int64_t *owner; /* of each blob while labels are given: -1 */
     int64_t columns, rows;
     double low[2], side;
-    int32_t *first;
-    Spot *spots;
+    int32_t *first, *member; /* places of squares, and at each the number of a blob */
+    float *spots[3];         /* `at` and `area` of that blob */
 };
 
 typedef struct {
@@ -69,6 +63,7 @@ typedef struct {
     Guess *guesses;
     int64_t guess_count, replaced, steps;
     Near *near;
+    double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with the outline of the blob that is guessed from */
     double judged; /* evidence of the labeling that `each` is of */
     uint64_t *tried;
     int cut;

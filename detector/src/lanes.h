@@ -34,6 +34,13 @@ static inline Lanes read(const float *from)
 
 static inline void write(float *to, Lanes x) { memcpy(to, &x, sizeof x); }
 
+static inline int any(Flags which)
+{
+    int64_t halves[2];
+    memcpy(halves, &which, sizeof halves);
+    return (halves[0] | halves[1]) != 0;
+}
+
 static inline float largest_of(Lanes x)
 {
     const float a = x[0] > x[1] ? x[0] : x[1], b = x[2] > x[3] ? x[2] : x[3];
