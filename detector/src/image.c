@@ -697,10 +697,9 @@ static inline void sort_lanes(Lanes *values, int n)
             for (int j = k % p; j + k < n; j += 2 * k)
                 for (int i = j; i < j + k && i + k < n; i++)
                     if ((i ^ (i + k)) < 2 * p) {
-                        const Flags a = (Flags)values[i], b = (Flags)values[i + k];
-                        const Flags change = (a ^ b) & (values[i] > values[i + k]);
-                        values[i] = (Lanes)(a ^ change);
-                        values[i + k] = (Lanes)(b ^ change);
+                        const Lanes a = values[i], b = values[i + k];
+                        values[i] = least_of(a, b);
+                        values[i + k] = most_of(a, b);
                     }
 }
 

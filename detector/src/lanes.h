@@ -6,6 +6,9 @@
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
+#ifdef __SSE__
+#include <xmmintrin.h>
+#endif
 
 enum { LANES = 4 };
 typedef float Lanes __attribute__((vector_size(4 * LANES)));
@@ -14,8 +17,15 @@ typedef int32_t Flags __attribute__((vector_size(4 * LANES))); /* -1 or 0 from c
 static inline Lanes all(float x) { return (Lanes){x, x, x, x}; }
 static inline Lanes pick(Flags which, Lanes a, Lanes b) { return (Lanes)((which & (Flags)a) | (~which & (Flags)b)); }
 static inline Lanes magnitude(Lanes x) { return (Lanes)((Flags)x & INT32_MAX); }
+
+/* The larger and the smaller number, b where they do not compare. */
+#ifdef __SSE__
+static inline Lanes most_of(Lanes a, Lanes b) { return _mm_max_ps(a, b); }
+static inline Lanes least_of(Lanes a, Lanes b) { return _mm_min_ps(a, b); }
+#else
 static inline Lanes most_of(Lanes a, Lanes b) { return pick(a > b, a, b); }
 static inline Lanes least_of(Lanes a, Lanes b) { return pick(a < b, a, b); }
+#endif
 
 static inline Lanes root_of(Lanes x)
 {
