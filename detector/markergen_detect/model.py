@@ -115,7 +115,7 @@ def _geometry(body: Body) -> "tuple[NDArray[Any], ...]":
 def _layout(body: Body, blocks: Array, errors: "NDArray[np.void]", kept: "list[NDArray[Any]]") -> "NDArray[np.void]":
     """Pack one body's geometry; `blocks` are the covariances (n, 3, 3) of its places."""
     n = len(body.ids)
-    dots, plates = np.zeros(n, structures()["Dot"]), np.zeros(len(body.rotations), structures()["Plate"])
+    dots, plates = np.zeros(n, structures()["Dot"]), np.zeros(len(body.rotations), structures()["Pose"])
     dots["xyz"], dots["place"], dots["normal"] = body.xyz, body.places, body.normals
     dots["radius"], dots["print"] = body.diameters / 2, blocks.reshape(n, 9)
     dots["ring"], dots["plate"], dots["id"] = body.rings, body.plates, body.ids

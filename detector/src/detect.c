@@ -7,6 +7,7 @@
 #define _POSIX_C_SOURCE 199309L
 
 #include "label.h"
+#include "numbers.h"
 
 #include <time.h>
 
@@ -213,17 +214,16 @@ static void seek(Frame *frame, int64_t l)
 /* Whether a tag faces the camera. */
 static int faces(const Tag *tag, const Pose *pose)
 {
-    const double(*c)[3] = tag->corners, *R = pose->R;
-    double u[3], v[3], along = 0;
+    const double(*c)[3] = tag->corners;
+    double u[3], v[3], across[3], n[3], P[3];
     for (int a = 0; a < 3; a++) {
         u[a] = c[1][a] - c[0][a];
         v[a] = c[3][a] - c[0][a];
     }
-    const double n[3] = {v[1] * u[2] - v[2] * u[1], v[2] * u[0] - v[0] * u[2], v[0] * u[1] - v[1] * u[0]};
-    for (int a = 0; a < 3; a++)
-        along += (R[3 * a] * n[0] + R[3 * a + 1] * n[1] + R[3 * a + 2] * n[2]) *
-                 (R[3 * a] * c[0][0] + R[3 * a + 1] * c[0][1] + R[3 * a + 2] * c[0][2] + pose->t[a]);
-    return along < 0;
+    cross(v, u, across);
+    rotated(pose->R, across, n);
+    rotated(pose->R, c[0], P);
+    return product(n, P) + product(n, pose->t) < 0;
 }
 
 /* What the tags say of a labeling: 1 if those that are read are the ones of a member, who becomes the finding's, -1 if one is
@@ -345,59 +345,28 @@ static int plate_layout(const Layout *layout, int64_t plate, Layout *own)
 
 /* The place that a plate seen with one pose of the body has in a body with another pose: the plate whose place it is, and by
    how much it is turned there, rad; -1 if it is the place of none. */
-static int64_t place_of(const Layout *layout, int64_t plate, const Pose *body, const Pose *seen, double *turn)
+static int64_t place_of(const Layout *layout, int64_t plate, const Pose *body, const Pose *seen, double *angle)
 {
-    /* T = body^-1 seen, of the plate: R = R_body' R_seen R_plate, t = R_body' (R_seen t_plate + t_seen - t_body). */
-    const Plate *own = layout->plates + plate;
-    double A[9], R[9], b[3], t[3], nearest = layout->extent / 2;
+    const Pose in_camera = joined(seen, layout->plates + plate), to_plate = inverse_of(&in_camera), of_body = joined(&to_plate, body);
+    double nearest = layout->extent / 2;
     int64_t place = -1;
-    for (int i = 0; i < 3; i++) {
-        b[i] = seen->t[i] - body->t[i];
-        for (int j = 0; j < 3; j++) {
-            b[i] += seen->R[3 * i + j] * own->t[j];
-            A[3 * i + j] = seen->R[3 * i] * own->R[j] + seen->R[3 * i + 1] * own->R[3 + j] + seen->R[3 * i + 2] * own->R[6 + j];
-        }
-    }
-    for (int i = 0; i < 3; i++) {
-        t[i] = body->R[i] * b[0] + body->R[3 + i] * b[1] + body->R[6 + i] * b[2];
-        for (int j = 0; j < 3; j++)
-            R[3 * i + j] = body->R[i] * A[j] + body->R[3 + i] * A[3 + j] + body->R[6 + i] * A[6 + j];
-    }
     for (int64_t p = 0; p < layout->plate_count; p++) {
-        const Plate *other = layout->plates + p;
-        const double away = sqrt((t[0] - other->t[0]) * (t[0] - other->t[0]) + (t[1] - other->t[1]) * (t[1] - other->t[1]) +
-                                 (t[2] - other->t[2]) * (t[2] - other->t[2]));
-        const double along = R[2] * other->R[2] + R[5] * other->R[5] + R[8] * other->R[8];
-        if (!(away < nearest) || along < 0.87)
+        const Pose other = joined(&of_body, layout->plates + p);
+        const double away = sqrt(product(other.t, other.t));
+        if (!(away < nearest) || other.R[8] < 0.87)
             continue;
         nearest = away;
         place = p;
-        const double x = R[0] * other->R[0] + R[3] * other->R[3] + R[6] * other->R[6];
-        const double y = R[0] * other->R[1] + R[3] * other->R[4] + R[6] * other->R[7];
-        *turn = atan2(y, x);
+        *angle = atan2(other.R[1], other.R[0]);
     }
     return place;
 }
 
 /* The pose of the body if a plate that was seen with some pose of it is in the place of another one. */
-static Pose exchanged(const Plate *plate, const Plate *other, const Pose *seen)
+static Pose exchanged(const Pose *plate, const Pose *other, const Pose *seen)
 {
-    /* T_camera_body = T_camera_plate T_other_body, with T_camera_plate = seen T_body_plate. */
-    Pose body = {{0}, {0}, seen->focal};
-    double A[9], a[3];
-    for (int i = 0; i < 3; i++) {
-        a[i] = seen->t[i];
-        for (int j = 0; j < 3; j++) {
-            a[i] += seen->R[3 * i + j] * plate->t[j];
-            A[3 * i + j] = seen->R[3 * i] * plate->R[j] + seen->R[3 * i + 1] * plate->R[3 + j] + seen->R[3 * i + 2] * plate->R[6 + j];
-        }
-    }
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            body.R[3 * i + j] = A[3 * i] * other->R[3 * j] + A[3 * i + 1] * other->R[3 * j + 1] + A[3 * i + 2] * other->R[3 * j + 2];
-        body.t[i] = a[i] - body.R[3 * i] * other->t[0] - body.R[3 * i + 1] * other->t[1] - body.R[3 * i + 2] * other->t[2];
-    }
-    return body;
+    const Pose in_camera = joined(seen, plate), to_body = inverse_of(other);
+    return joined(&in_camera, &to_body);
 }
 
 /* Whether the mirrored image of a layout is there; pool is one for it. */
@@ -867,8 +836,7 @@ static int window_of(const Layout *layout, const Camera *camera, const Image *im
             low[a] = pixel[a] - half[a] < low[a] ? pixel[a] - half[a] : low[a];
             high[a] = pixel[a] + half[a] > high[a] ? pixel[a] + half[a] : high[a];
         }
-        const double det = drawn.shape[0] * drawn.shape[2] - drawn.shape[1] * drawn.shape[1], mean = (drawn.shape[0] + drawn.shape[2]) / 2;
-        const double shorter = 2 * sqrt(fmax(mean - sqrt(fmax(mean * mean - det, 0)), 0) * camera->fx * camera->fy);
+        const double shorter = 2 * shorter_px(sqrt(camera->fx * camera->fy), drawn.shape);
         *smallest = shorter < *smallest ? shorter : *smallest;
         count++;
     }

@@ -130,6 +130,8 @@ typedef struct {
 } Outline;
 
 void outline_of(const Dot *dot, const double *place, const Pose *pose, Outline *outline);
+/* Derivatives (2, 7) of a dot's image by (w, dt, log focal), multiplied. */
+void image_rows(const Dot *dot, const Pose *pose, double factor, double (*J)[7]);
 
 /* Levenberg-Marquardt on weighted distances between measured and predicted centers, from `pose`, which it replaces. seen (m,
    2), weight (m, 3) the inverse covariances, zero for those that do not count. `places`: 1 for `place`, 0 for `xyz`.
@@ -197,10 +199,6 @@ double agreement(const TagFamily *family, const TagReading *reading, int64_t cod
 
 /* ---- label.c ---- */
 
-typedef struct {
-    double R[9], t[3]; /* T_body_plate */
-} Plate;
-
 /* Dots on one plate, of about one size, from pairs of which poses are guessed. */
 typedef struct {
     int64_t plate, count;
@@ -219,7 +217,7 @@ typedef struct {
 typedef struct {
     int64_t count, plate_count, constellation_count;
     const Dot *dots;
-    const Plate *plates;
+    const Pose *plates; /* T_body_plate */
     const Constellation *constellations;
     double reach;      /* in radii of a dot: within it another blob can be taken for the dot, and for no other */
     double extent;     /* largest distance of a dot from their middle, m */
@@ -280,7 +278,7 @@ typedef struct {
 
 /* The verdict on an estimate and the matches kept; `plates` are those that the dots are numbered by. 0 or NO_MEMORY. */
 int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera *camera, const Errors *errors,
-          const Plate *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict);
+          const Pose *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict);
 
 /* ---- detect.c ---- */
 

@@ -8,6 +8,7 @@
 
 #include "lanes.h"
 #include "label.h"
+#include "numbers.h"
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
    semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
@@ -36,6 +37,13 @@ static const double SEARCH_PX = 0.2;
 static const double MERGED_PX = 2.0;
 
 static const double PI = 3.14159265358979323846;
+
+/* Shorter semi-axis of a shape in normalized coordinates, with the focal length px. */
+double shorter_px(double px, const double *shape)
+{
+    const double half = (shape[0] + shape[2]) / 2, det = shape[0] * shape[2] - shape[1] * shape[1];
+    return px * sqrt(larger(half - sqrt(larger(half * half - det, 0)), 0));
+}
 
 static void symmetric_root(const double *e, double *root)
 {
@@ -141,12 +149,11 @@ static void show_blob(Scene *scene, int64_t k, double focal)
     double e[3];
     for (int i = 0; i < 3; i++)
         e[i] = scene->blobs[k].shape[i] / (focal * focal);
-    const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300), half = (e[0] + e[2]) / 2;
+    const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300);
     shown->area = sqrt(det);
     place_spot(scene, k);
     shown->size = log(det) / 4;
-    const double shorter = sqrt(larger(half - sqrt(larger(half * half - det, 0)), 1e-300));
-    shown->slack = SLACK + SLACK_PX / (scene->px * focal * shorter);
+    shown->slack = SLACK + SLACK_PX / larger(shorter_px(scene->px * focal, e), 1e-150);
 }
 
 /* Lists the blobs by squares of the image, in each in their order. */
@@ -420,18 +427,12 @@ static int in_frame(const Scene *scene, const Outline *drawn)
            pixel[1] + tall <= (double)scene->camera->height - 1;
 }
 
-static double shorter_px(const Scene *scene, const double *shape)
-{
-    const double half = (shape[0] + shape[2]) / 2, det = shape[0] * shape[2] - shape[1] * shape[1];
-    return scene->px * sqrt(larger(half - sqrt(larger(half * half - det, 0)), 0));
-}
-
 /* Whether a dot should be seen with a pose: from the front, large enough, and inside the image. */
 int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose)
 {
     Outline drawn;
     outline_of(dot, dot->xyz, pose, &drawn);
-    return drawn.seen && drawn.facing > PLAIN_FACING && 2 * shorter_px(scene, drawn.shape) > PLAIN_PX && in_frame(scene, &drawn);
+    return drawn.seen && drawn.facing > PLAIN_FACING && 2 * shorter_px(scene->px, drawn.shape) > PLAIN_PX && in_frame(scene, &drawn);
 }
 
 /* Whether a dot and its nearest neighbor may be one blob. */
@@ -446,22 +447,6 @@ static int merges(const Scene *scene, const Layout *layout, const Pose *pose, in
     return other.seen && scene->px * (distance * distance - reach) < MERGED_PX * distance;
 }
 
-/* Derivatives (2, 7) of a dot's image by (w, dt, log focal), px. */
-static void pixel_rows(const Scene *scene, const Dot *dot, const Pose *pose, double J[2][7])
-{
-    const double *X = dot->xyz, *R = pose->R, *t = pose->t;
-    double p[3];
-    for (int a = 0; a < 3; a++)
-        p[a] = R[3 * a] * X[0] + R[3 * a + 1] * X[1] + R[3 * a + 2] * X[2];
-    const double s = 1 / (p[2] + t[2]), x = s * (p[0] + t[0]), y = s * (p[1] + t[1]), f = scene->px * pose->focal;
-    const double a = s * p[0], b = s * p[1], c = s * p[2];
-    const double u[7] = {-x * b, c + x * a, -b, s, 0, -x * s, x}, v[7] = {-y * b - c, y * a, a, 0, s, -y * s, y};
-    for (int q = 0; q < 7; q++) {
-        J[0][q] = f * u[q];
-        J[1][q] = f * v[q];
-    }
-}
-
 /* The logarithm of the probability that of dots in plain view these `missing` ones are missed and `count` are not: each for
    reasons of its own, or k of m where something covers any share of them, k! (m - k)! / (m + 1)!. */
 static double missed_together(int64_t missing, int64_t count)
@@ -471,6 +456,9 @@ static double missed_together(int64_t missing, int64_t count)
         covered *= (double)k / (double)(count + k);
     return log((1 - COVERED) * pow(MISSED, (double)missing) * pow(1 - MISSED, (double)count) + covered + 1e-300);
 }
+
+/* Whether a blob is surely a ring, and the dot a disk, or the other way round. */
+static int is_other_kind(const Dot *dot, const Blob *blob) { return dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL; }
 
 /* The blob nearest to a place, -1 if none is in reach: `least` is the square of its distance in units of what is allowed, `reach`
    times its outline and `margin` around that, at most `far`. Its area is that of a dot within a factor of `ratio`, its kind the
@@ -502,7 +490,7 @@ static inline int64_t nearest_blob(const Scene *scene, const Dot *dot, const dou
                 const double yy = reach2 * blob->shape[2] + margin2;
                 const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
                 if (square < *least && fabs(dx) < far && fabs(dy) < far && own < area * ratio && area < own * ratio &&
-                    !(dot && (dot->ring ? blob->hole < DOUBTFUL : blob->hole > 1 - DOUBTFUL))) {
+                    !(dot && is_other_kind(dot, blob))) {
                     *least = square;
                     which = k;
                 }
@@ -569,7 +557,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         if (labeling->labels[i] < 0) {
             if (!drawn->seen || drawn->facing < LIMIT_FACING || !(in_frame(scene, drawn) || has_one(scene, layout, drawn)))
                 continue;
-            const double across = 2 * shorter_px(scene, drawn->shape);
+            const double across = 2 * shorter_px(scene->px, drawn->shape);
             if (across < LIMIT_PX)
                 continue;
             const int plain = across > PLAIN_PX && drawn->facing > PLAIN_FACING && !merges(scene, layout, pose, i, drawn);
@@ -629,13 +617,13 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         work->shape[i] = shape;
         shapes += shape - shown->log_broad;
         /* Where most dots are too small to be seen, those that seem to be are others. */
-        const double px = 2 * shorter_px(scene, drawn->shape);
+        const double px = 2 * shorter_px(scene->px, drawn->shape);
         kinds += kind + log(px < LIMIT_PX ? SEEN_BELOW : px < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1);
         plain += px > PLAIN_PX;
         chi2 += square;
         const double x = (blob->at[0] - drawn->center[0]) * scene->px, y = (blob->at[1] - drawn->center[1]) * scene->px;
         const double print = layout->print * scene->px * pose->focal / drawn->depth, wide = scene->px * scene->px;
-        pixel_rows(scene, layout->dots + i, pose, J);
+        image_rows(layout->dots + i, pose, scene->px, J);
         for (int b = 0; b < BEYONDS; b++) {
             const double more = beyond[b] * beyond[b] + print * print;
             const double a = wide * blob->spread[0] + more, c = wide * blob->spread[1], d = wide * blob->spread[2] + more;
@@ -1065,7 +1053,7 @@ static void add_guess(Work *work, const Guess *guess)
 static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, int64_t least, Work *work)
 {
     const Constellation *part = layout->constellations + which;
-    const Plate *plate = layout->plates + part->plate;
+    const Pose to_body = inverse_of(layout->plates + part->plate);
     const Shown *first = scene->shown + i, *second = scene->shown + j;
     const double f = scene->focal, x = scene->blobs[j].at[0] / f, y = scene->blobs[j].at[1] / f;
     const double allowed = hypot(first->slack, second->slack), limit = exp(allowed), growth = exp(2 * GROWTH * allowed);
@@ -1088,8 +1076,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
             const int64_t a = part->pairs[2 * k], c = part->pairs[2 * k + 1];
             const Dot *A = layout->dots + part->dots[a], *C = layout->dots + part->dots[c];
             work->steps++;
-            if ((A->ring ? scene->blobs[i].hole < DOUBTFUL : scene->blobs[i].hole > 1 - DOUBTFUL) ||
-                (C->ring ? scene->blobs[j].hole < DOUBTFUL : scene->blobs[j].hole > 1 - DOUBTFUL))
+            if (is_other_kind(A, scene->blobs + i) || is_other_kind(C, scene->blobs + j))
                 continue;
             const double r = A->radius, *X = part->points + 3 * a, *Y = part->points + 3 * c;
             const double step[3] = {Y[0] - X[0], Y[1] - X[1], Y[2] - X[2]};
@@ -1105,7 +1092,8 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                 u[d] /= length;
             const double v[3] = {n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]};
             const double cosine = step[0] / span, sine = step[1] / span;
-            double R[9], t[3];
+            Pose in_camera = {{0}, {0}, f};
+            double *R = in_camera.R, *t = in_camera.t;
             for (int d = 0; d < 3; d++) {
                 R[3 * d] = cosine * u[d] - sine * v[d];
                 R[3 * d + 1] = sine * u[d] + cosine * v[d];
@@ -1141,19 +1129,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
             }
             if (votes < least)
                 continue;
-            Guess guess = {{{0}, {0}, f}, support, which, a};
-            /* T_camera_body = T_camera_plate T_plate_body. */
-            for (int row = 0; row < 3; row++) {
-                guess.pose.t[row] = t[row];
-                for (int column = 0; column < 3; column++) {
-                    double entry = 0;
-                    for (int d = 0; d < 3; d++)
-                        entry += R[3 * row + d] * plate->R[3 * column + d];
-                    guess.pose.R[3 * row + column] = entry;
-                }
-                for (int column = 0; column < 3; column++)
-                    guess.pose.t[row] -= guess.pose.R[3 * row + column] * plate->t[column];
-            }
+            const Guess guess = {joined(&in_camera, &to_body), support, which, a};
             add_guess(work, &guess);
         }
     }
@@ -1338,28 +1314,13 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
 /* ---- rivals ---- */
 
 /* A pose moved within the plane of a plate: dots at `from` come to where those at `to` are, turned by the angle. */
-static void moved_pose(const Plate *plate, const Pose *pose, const double *from, const double *to, double cosine, double sine,
-                       Pose *moved)
+static Pose moved_pose(const Pose *plate, const Pose *pose, const double *from, const double *to, double cosine, double sine)
 {
-    /* In the plate X -> T X + s with T a rotation about z: T_camera_body' = T_camera_body T_body_plate (T, s) T_plate_body. */
-    const double s[3] = {to[0] - cosine * from[0] + sine * from[1], to[1] - sine * from[0] - cosine * from[1], 0};
-    const double T[9] = {cosine, -sine, 0, sine, cosine, 0, 0, 0, 1}, *P = plate->R, *p = plate->t;
-    double A[9], B[9], b[3];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            A[3 * i + j] = P[3 * i] * T[j] + P[3 * i + 1] * T[3 + j] + P[3 * i + 2] * T[6 + j];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            B[3 * i + j] = A[3 * i] * P[3 * j] + A[3 * i + 1] * P[3 * j + 1] + A[3 * i + 2] * P[3 * j + 2];
-    for (int i = 0; i < 3; i++)
-        b[i] = P[3 * i] * s[0] + P[3 * i + 1] * s[1] + P[3 * i + 2] * s[2] + p[i] -
-               (B[3 * i] * p[0] + B[3 * i + 1] * p[1] + B[3 * i + 2] * p[2]);
-    moved->focal = pose->focal;
-    for (int i = 0; i < 3; i++) {
-        moved->t[i] = pose->t[i] + pose->R[3 * i] * b[0] + pose->R[3 * i + 1] * b[1] + pose->R[3 * i + 2] * b[2];
-        for (int j = 0; j < 3; j++)
-            moved->R[3 * i + j] = pose->R[3 * i] * B[j] + pose->R[3 * i + 1] * B[3 + j] + pose->R[3 * i + 2] * B[6 + j];
-    }
+    /* In the plate X -> T X + s with T a rotation about z. */
+    const Pose within = {{cosine, -sine, 0, sine, cosine, 0, 0, 0, 1},
+                         {to[0] - cosine * from[0] + sine * from[1], to[1] - sine * from[0] - cosine * from[1], 0}, 1};
+    const Pose in_camera = joined(pose, plate), there = joined(&in_camera, &within), to_body = inverse_of(plate);
+    return joined(&there, &to_body);
 }
 
 /* The constellation most of whose dots have a blob. */
@@ -1435,9 +1396,8 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
             const double u = D[0] - B[0], v = D[1] - B[1], span = hypot(u, v);
             if ((part->pairs[2 * k] == first && part->pairs[2 * k + 1] == second) || fabs(log(span / length)) > 0.25)
                 continue;
-            Pose moved;
-            moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / (span * length), (u * y - v * x) / (span * length),
-                       &moved);
+            const double area = span * length;
+            const Pose moved = moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / area, (u * y - v * x) / area);
             work->steps += 4 * probes;
             if (!may_label(scene, layout, &moved, probes, least))
                 continue;
@@ -1467,7 +1427,7 @@ static void affine_rivals(const Scene *scene, const Layout *layout, const Labeli
             labeled[m++] = i;
     double widest = 0, shortest = INFINITY;
     for (int64_t a = 0; a < m; a++) {
-        shortest = smaller(shortest, shorter_px(scene, scene->blobs[chosen->labels[part->dots[labeled[a]]]].shape));
+        shortest = smaller(shortest, shorter_px(scene->px, scene->blobs[chosen->labels[part->dots[labeled[a]]]].shape));
         for (int64_t b = a + 1; b < m; b++)
             for (int64_t c = b + 1; c < m; c++) {
                 const double *A = part->points + 3 * labeled[a], *B = part->points + 3 * labeled[b], *C = part->points + 3 * labeled[c];
@@ -1534,7 +1494,7 @@ static void affine_rivals(const Scene *scene, const Layout *layout, const Labeli
                 if (count < least || count < LEAST_DOTS || tried(work, rival.labels, layout->count))
                     continue;
                 const double cosine = L[0] + L[3], sine = L[2] - L[1], norm = hypot(cosine, sine);
-                moved_pose(layout->plates + part->plate, &chosen->pose, P, A, cosine / norm, sine / norm, &rival.pose);
+                rival.pose = moved_pose(layout->plates + part->plate, &chosen->pose, P, A, cosine / norm, sine / norm);
                 if (chosen->count < layout->count)
                     settle(scene, layout, &rival, chosen->evidence, work);
                 else
@@ -1678,11 +1638,9 @@ int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double 
         const Labeling *other = pool->best + i;
         if (i == chosen || !(own->evidence - other->evidence < margin) || !contradict(layout, own, other))
             continue;
-        /* T = R' R_other turns about N: its angle is that of its skew part along N and its trace. */
-        double T[9];
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                T[3 * a + b] = own->pose.R[a] * other->pose.R[b] + own->pose.R[3 + a] * other->pose.R[3 + b] + own->pose.R[6 + a] * other->pose.R[6 + b];
+        /* It turns about N: its angle is that of its skew part along N and its trace. */
+        const Pose to_body = inverse_of(&own->pose), turned = joined(&to_body, &other->pose);
+        const double *T = turned.R;
         const double sine = ((T[7] - T[5]) * N[0] + (T[2] - T[6]) * N[1] + (T[3] - T[1]) * N[2]) / 2, cosine = (T[0] + T[4] + T[8] - 1) / 2;
         const double angle = atan2(sine, cosine);
         int there = 0;

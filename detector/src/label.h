@@ -97,6 +97,7 @@ void add_rivals(const Scene *scene, const Layout *layout, Work *work, Pool *pool
 int contradict(const Layout *layout, const Labeling *one, const Labeling *other);
 const Labeling *best_of(const Pool *pool);
 void drop(Pool *pool, int64_t place);
+double shorter_px(double px, const double *shape);
 int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose);
 void mirror_scene(Scene *scene);
 int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn);

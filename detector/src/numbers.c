@@ -29,6 +29,29 @@ void turn(const double *w, const double *R, double *result)
     }
 }
 
+Pose joined(const Pose *ab, const Pose *bc)
+{
+    Pose ac = *ab;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double *R = ab->R + 3 * i, *S = bc->R + j;
+            ac.R[3 * i + j] = R[0] * S[0] + R[1] * S[3] + R[2] * S[6];
+            ac.t[i] += R[j] * bc->t[j];
+        }
+    return ac;
+}
+
+Pose inverse_of(const Pose *ab)
+{
+    Pose ba = {{0}, {0}, 1};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            ba.R[3 * i + j] = ab->R[3 * j + i];
+            ba.t[i] -= ab->R[3 * j + i] * ab->t[j];
+        }
+    return ba;
+}
+
 void invert_two(const double *A, double *inverse)
 {
     const double det = A[0] * A[3] - A[1] * A[2], result[4] = {A[3] / det, -A[1] / det, -A[2] / det, A[0] / det};

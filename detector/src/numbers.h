@@ -11,6 +11,10 @@ double product(const double *a, const double *b);
 void cross(const double *a, const double *b, double *result);
 void turn(const double *w, const double *R, double *result);
 
+/* T_ac of T_ab and T_bc, with the focal length of the first, and T_ba of T_ab. */
+Pose joined(const Pose *ab, const Pose *bc);
+Pose inverse_of(const Pose *ab);
+
 /* The inverses of a 2 x 2 matrix and of a symmetric one; r'W r and J S J' for symmetric W and S. */
 void invert_two(const double *A, double *inverse);
 void invert_symmetric(const double *S, double *inverse);

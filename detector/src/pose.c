@@ -63,6 +63,15 @@ void outline_of(const Dot *dot, const double *place, const Pose *pose, Outline *
     draw(&d, pose->focal, seen, outline);
 }
 
+void image_rows(const Dot *dot, const Pose *pose, double factor, double (*J)[7])
+{
+    Disk d;
+    place_disk(dot, dot->xyz, pose, &d);
+    derivatives(&d, factor * pose->focal, J[0], J[1]);
+    for (int a = 0; a < 2; a++)
+        J[a][POSE] = factor * pose->focal * d.P[a] / d.P[2];
+}
+
 /* ---- refinement ---- */
 
 /* Damping: at the start, least, factor; slack by which chi2 may rise, so that rounding stops no step; ridge, a share of the

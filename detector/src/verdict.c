@@ -40,7 +40,7 @@ static const double TOLERANCE = 1e-5;
 
 typedef struct {
     Sight s;
-    const Plate *plates;
+    const Pose *plates;
     double low[2], high[2]; /* of the dots on their plates, m */
     int32_t kind, plate;    /* the cause that is tried */
     int k;                  /* number of common errors */
@@ -52,7 +52,7 @@ typedef struct {
 /* A dot's offset from its plate's origin in the body, and its x and y on the plate. */
 static void on_plate(const Case *c, const Dot *dot, double *offset, double *at)
 {
-    const Plate *plate = c->plates + dot->plate;
+    const Pose *plate = c->plates + dot->plate;
     for (int a = 0; a < 3; a++)
         offset[a] = dot->place[a] - plate->t[a];
     for (int a = 0; a < 2; a++)
@@ -224,7 +224,7 @@ static void count_likely(Verdict *verdict, const double *by)
 }
 
 int judge(const Dot *dots, const Blob *blobs, const Match *matches, const Camera *camera, const Errors *errors,
-          const Plate *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict)
+          const Pose *plates, int64_t plate_count, const Estimate *estimate, Verdict *verdict)
 {
     const int64_t m = estimate->count;
     const int k = common_count(camera, errors), n = POSE + k + WIDTH;

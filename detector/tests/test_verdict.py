@@ -34,7 +34,7 @@ def judge(dots, blobs, struct, start, errors=None):
     errors, matches = errors or ErrorsStruct(), matched(len(blobs))
     kept, found, matches = estimate(dots, blobs, struct, start, errors, matches)
     assert kept
-    plates, verdict = np.zeros(dots["plate"].max() + 1, structures()["Plate"]), np.zeros(1, structures()["Verdict"])
+    plates, verdict = np.zeros(dots["plate"].max() + 1, structures()["Pose"]), np.zeros(1, structures()["Verdict"])
     turned = [np.roll(np.eye(3), k, axis=0).T for k in range(len(plates))]
     plates["R"] = np.reshape(turned, (-1, 9))
     plates["t"] = 0.06 * (len(plates) > 1) * np.array(turned)[:, :, 2]
