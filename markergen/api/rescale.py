@@ -103,7 +103,7 @@ def rescale(
     >>> marker = mg.design(n=4, dot="20mm", restarts=4).marker
     >>> print(mg.rescale(marker, measured_x="198mm", measured_y="199mm"))
     The print is 99 % of the design along x and 99.5 % along y: x 198 mm of 200 mm, y 199 mm of 200 mm.
-    That is taken for --nominal-x 200mm and --nominal-y 200mm; give what is printed beside the ruler if it is another.
+    This assumes --nominal-x 200mm and --nominal-y 200mm; if another length is printed beside a ruler, give that.
     Dots are up to 1.38 mm from where they were designed.
     """
     asked = settle(options, RescaleKeywords)

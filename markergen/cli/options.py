@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, Signature, signature
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from markergen.cli import console
 from markergen.errors import InputError
 from markergen.options import VIEW, Option, declared, guess
 from markergen.options.kinds import KINDS, Kind
+from markergen.units import METERS
 
 Rows = list[tuple[str, str]]
 Json = Annotated[
@@ -125,7 +127,16 @@ class GroupedCommand(TyperCommand):
                 {str(param.name) for param in self.get_params(ctx)},
             )
             spec = next((word for word in arguments if word.endswith(".toml") and f"({word})" in error.message), None)
-            answer = f"a spec goes with --template {spec}" if spec and "template" in names else guess(name, names)
+            # The shell splits "50 mm".
+            pairs = (pair for pair in pairwise(arguments) if pair[1] in METERS)
+            length = next((pair for pair in pairs if f"({pair[1]})" in error.message), None)
+            answer = (
+                f"a spec goes with --template {spec}"
+                if spec and "template" in names
+                else f"write {''.join(length)}, without a space"
+                if length
+                else guess(name, names)
+            )
             if answer:
                 error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
             elif possibilities := getattr(error, "possibilities", None):

@@ -232,7 +232,9 @@ def suffix_of(path: Path, frame: str = "marker") -> str:
             return ending
     if not path.suffix:
         suffixes = ", ".join(sorted(exporters_of(frame)))
-        raise InputError(f"a known {_kind(frame)}", f"none in {brief(str(path))}", f"known: {suffixes}")
+        inside = f"name a file in it, such as {path / frame}.json" if path.is_dir() else f"known: {suffixes}"
+        actual = f"the folder {brief(str(path))}" if path.is_dir() else f"none in {brief(str(path))}"
+        raise InputError(f"a known {_kind(frame)}", actual, inside)
     exporter_of(path.suffix.lower(), frame)  # the error lists the known suffixes
     return path.suffix.lower()
 

@@ -53,6 +53,8 @@ def json_of(content: Content) -> Any:
 
 def parsed(text: str, name: str) -> Any:
     """Parse JSON with distinct keys and finite numbers; `name` is the file's name in messages. Raises InputError."""
+    if not text:
+        raise InputError(f"JSON in {name}", "an empty file", "check the path")
     try:
         return json.loads(
             text, object_pairs_hook=distinct, parse_constant=_number, parse_float=_number, parse_int=_integer

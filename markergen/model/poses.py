@@ -4,7 +4,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import ceil
+from math import ceil, floor
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -142,12 +142,17 @@ class Poses:
         return _groups(angle, 10.0 if angle.max(initial=0.0) <= 90 else 30.0)
 
     def by_distance(self) -> dict[str, NDArray[np.bool_]]:
-        """Return masks (P,) of the poses at each distance in m; if more than 12 are distinct, in equal bins."""
+        """Return masks (P,) of the poses at each distance in m; if more than 12 are distinct, in equal bins.
+
+        The first and the last are named by where distances begin and end, to a tenth of a bin.
+        """
         distance = np.round(self.distance, 4)
         # 1, 2 or 5 times a power of ten, and at most 12 bins.
         width = np.ptp(distance) / 11
         power = 10 ** np.floor(np.log10(width)) if width > 0 else 1.0
-        return _groups(distance, next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width))
+        width = next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width)
+        tenth, ends = width / 10, (distance.min(initial=np.inf), distance.max(initial=0.0))
+        return _groups(distance, width, (floor(ends[0] / tenth + 1e-9) * tenth, ceil(ends[1] / tenth - 1e-9) * tenth))
 
     def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
         """Keep the poses that see the whole boundary from its front, in front of the camera, on the sensor.
@@ -318,13 +323,14 @@ def pose_arguments(text: str, keys: Sequence[str], form: str) -> dict[str, str]:
     return arguments
 
 
-def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:
-    """Return masks of equal values by their text; if more than 12 are distinct, of bins of the given width."""
+def _groups(values: Array, width: float, ends: tuple[float, float] = (-np.inf, np.inf)) -> dict[str, NDArray[np.bool_]]:
+    """Return masks of equal values by their text; if more than 12 are distinct, of bins of a width, within the ends."""
     distinct = np.unique(values)
     if len(distinct) <= 12:
         return {f"{value:g}": values == value for value in distinct}
     bins = np.floor(values / width + 1e-9).astype(int)
-    return {f"{i * width:g}..{(i + 1) * width:g}": bins == i for i in np.unique(bins)}
+    names = {i: f"{max(i * width, ends[0]):g}..{min((i + 1) * width, ends[1]):g}" for i in np.unique(bins)}
+    return {name: bins == i for i, name in names.items()}
 
 
 def silhouette(boundary: Boundary) -> Array:

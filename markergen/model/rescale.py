@@ -168,7 +168,7 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         "nominal_y": lengths.get("y"),
     }
     sentences = [
-        f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y: "
+        f"The print is {_percent(scale[0])} of the design along x and {_percent(scale[1])} along y: "
         + ", ".join(f"{name} {format_length(measured[name])} of {format_length(lengths[name])}" for name in ratios)
         + "."
     ]
@@ -178,17 +178,15 @@ def _rescaled(marker: Marker, rulers: Rulers, force: bool) -> tuple[Marker, tupl
         if nominal[name] is None and stated[name] is None
     ]
     if taken:
-        sentences.append(
-            f"That is taken for {' and '.join(taken)}; give what is printed beside the ruler if it is another."
-        )
+        sentences.append(f"This assumes {' and '.join(taken)}; if another length is printed beside a ruler, give that.")
     if rulers.x is None or rulers.y is None:
         axis, other_axis = ("x", "y") if rulers.y is None else ("y", "x")
         sentences.append(
             f"Only {axis} was measured and stands for {other_axis}, too; printers often differ between the two."
         )
     if marker.print_scale != (1.0, 1.0):
-        x, y = (100 * value for value in marker.print_scale)
-        sentences.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
+        x, y = map(_percent, marker.print_scale)
+        sentences.append(f"It takes the place of the earlier {x} and {y}: both are of the design.")
     return _recorded(replace(changed, control_points=points), "rulers", record), tuple(sentences)
 
 
@@ -442,3 +440,8 @@ def _recorded(marker: Marker, kind: str, record: Mapping[str, Any]) -> Marker:
 
 def _short(meters: float) -> str:
     return format_length(float(f"{meters:.4g}"))
+
+
+def _percent(ratio: float) -> str:
+    """A ratio in percent, to a hundredth: a ruler of 200 mm is not read to less than 0.02 mm."""
+    return f"{100 * ratio:.2f}".rstrip("0").rstrip(".") + " %"

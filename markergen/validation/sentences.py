@@ -256,7 +256,7 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
         remedy = "; ".join(REMEDIES_OF_MEASURED[what] for what in limited) if is_measured else REMEDIES[name]
         line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
         if all(shares_of[what][name] > DOMINANT for what in limited):
-            line += " Improving anything else of these would gain next to nothing."
+            line += " Improving the rest would gain next to nothing."
         sentences.append(line)
     if first and exact:
         sentences.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")

@@ -159,6 +159,7 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"n": 3}, "at least 4 control points"),
         ({"trace": "t.txt"}, "a trace in one of"),
         ({"output": "marker"}, "a known output suffix, found none in 'marker'; known: .3mf"),
+        ({"output": "."}, "a known output suffix, found the folder '.'; name a file in it, such as marker.json"),
         ({"output": ["m.svg", "m.svg"]}, "each output path once, found m.svg twice; give each a different name"),
         ({"progress": "yes"}, "a function for progress, found 'yes'"),
     ],

@@ -62,6 +62,7 @@ def test_every_command_has_an_example(name, capsys):
         ("compare a.json --camera c.yaml", "the camera of the first marker's design"),
         ("design --raduis 80mm", "(Possible options: --radius);"),
         ("design desk.toml", "a spec goes with --template desk.toml"),
+        ("design --radius 50 mm", "write 50mm, without a space;"),
         ("rig cube --sides 6", "No such option: --sides; see"),
     ],
 )

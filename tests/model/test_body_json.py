@@ -279,6 +279,9 @@ def test_a_file_without_end_is_refused(tmp_path):
     (tmp_path / "large.json").write_bytes(b" " * 10_000_000)
     with pytest.raises(InputError, match="complete JSON"):
         read_marker(tmp_path / "large.json")
+    (tmp_path / "empty.json").write_bytes(b"")
+    with pytest.raises(InputError, match="an empty file"):
+        read_marker(tmp_path / "empty.json")
 
 
 def test_a_byte_order_mark_is_accepted(pentagon, tmp_path):

@@ -10,7 +10,7 @@ from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.feature import Feature, key_ring
-from markergen.model.poses import POSES, paper, paper_roll
+from markergen.model.poses import POSES, named_poses, paper, paper_roll
 from markergen.model.spec import Spec
 
 
@@ -63,6 +63,11 @@ def test_many_tilts_are_put_in_bins():
     bins = spread.by_polar_angle()
     assert sum(int(mask.sum()) for mask in bins.values()) == 400
     assert all(".." in name for name in bins)
+
+
+def test_bins_of_distance_end_where_the_poses_do():
+    names = list(named_poses("cone:distance=0.3..1.5m,count=200").by_distance())
+    assert (names[0], names[1], names[-1]) == ("0.3..0.4", "0.4..0.6", "1.4..1.5")
 
 
 @given(st.floats(0.01, 2), st.integers(0, 2**32 - 1), st.floats(0, 0.5))

@@ -53,7 +53,7 @@ SENTENCES = {
     # What validate finds
     "limits": "{} limits the {}",
     "limits both": ", {} limits the rotation and the translation: {}.",
-    "nothing else": "Improving anything else of these would gain next to nothing.",
+    "nothing else": "Improving the rest would gain next to nothing.",
     "shares": "print {} %, image noise {} %, calibration {} %",
     "smallest dot": "At {} and {} the dot that looks smallest, of {}, is {}",
     "seen frontally": "Seen frontally, a small tilt hardly changes the image.",
