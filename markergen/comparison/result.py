@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from markergen.comparison.tuning import NEARLY_ALL
 from markergen.files import Written
 from markergen.presentation.plots import axes_of, log_axis, new_figure
 from markergen.presentation.results import SavableResult, json_bytes
@@ -268,10 +269,14 @@ def _settings(results: Mapping[str, Any]) -> Table:
     for name, entry in _named(results):
         tried = entry["tuning"]
         chosen = [row for row in tried if (row["size"], row["setting"]) == (entry["size"], entry["setting"])]
-        errors = [number(row["rotation_deg"]["rms"]) for row in (*tried[:1], *chosen)] or ["-", "-"]
-        rows.append([name, str(len(tried)), *errors, tried[0]["setting"] if tried else "-"])
-    header = ["", "tried", "RE of the first", "RE of the best", "first"]
-    caption = "RE rms in views apart from those above; the file of results has every setting that was tried."
+        ends = [(percent(row["rate"]), number(row["rotation_deg"]["rms"])) for row in (*tried[:1], *chosen[:1])]
+        cells = [cell for end in ends for cell in end] or ["-"] * 4
+        rows.append([name, str(len(tried)), *cells, tried[0]["setting"] if tried else "-"])
+    header = ["", "tried", "first found", "RE rms", "best found", "RE rms", "first"]
+    caption = (
+        f"In views apart from those above. The best is the most accurate of those that find {percent(NEARLY_ALL)} of "
+        "what any of them finds; the file of results has every setting that was tried."
+    )
     return Table("Settings", header, rows, caption)
 
 

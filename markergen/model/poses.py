@@ -150,9 +150,10 @@ class Poses:
         # 1, 2 or 5 times a power of ten, and at most 12 bins.
         width = np.ptp(distance) / 11
         power = 10 ** np.floor(np.log10(width)) if width > 0 else 1.0
-        width = next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width)
-        tenth, ends = width / 10, (distance.min(initial=np.inf), distance.max(initial=0.0))
-        return _groups(distance, width, (floor(ends[0] / tenth + 1e-9) * tenth, ceil(ends[1] / tenth - 1e-9) * tenth))
+        rounded = next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width)
+        tenth, nearest, farthest = rounded / 10, float(distance.min()), float(distance.max())
+        ends = floor(nearest / tenth + 1e-9) * tenth, ceil(farthest / tenth - 1e-9) * tenth
+        return _groups(distance, rounded, ends)
 
     def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
         """Keep the poses that see the whole boundary from its front, in front of the camera, on the sensor.

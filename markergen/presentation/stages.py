@@ -1,4 +1,4 @@
-"""Words for the stages of a search, for people who watch it."""
+"""Words for the stages of a search or comparison, for people who watch it."""
 # tests: tests/studio/test_server.py
 
 STAGES = {
@@ -17,5 +17,6 @@ STAGES = {
     "together": "all sizes together",
     "plates": "one plate after the other",
     "lower bound": "what is possible at best",
+    "settings": "tuning other detectors",
 }
 """By the names that callers of a search get; other names are words already."""

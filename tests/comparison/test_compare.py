@@ -20,7 +20,7 @@ from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
 from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
-from markergen.presentation.tables import number
+from markergen.presentation.tables import number, percent
 
 VIEWS, MANY = 8, 20
 FAR = "cone:distance=1.3..1.5m,count=20"
@@ -187,6 +187,12 @@ def test_each_peer_has_the_best_of_its_settings(results):
         # The others are worse in a part of the views.
         rates = {(row["size"], row["setting"]): row["rate"] for row in peer["tuning"] if row["views"] == 5}
         assert rates[peer["size"], peer["setting"]] >= 0.95 * max(rates.values())
+    (table,) = (part for part in comparison_tables(results.found) if part.title == "Settings")
+    assert table.rows[0][1:6] == ["0", "-", "-", "-", "-"]
+    # A first setting that finds little may well be more accurate in that.
+    for row, peer in zip(table.rows[1:], peers, strict=True):
+        assert row[2] == percent(peer["tuning"][0]["rate"])
+        assert row[4] in {percent(each["rate"]) for each in peer["tuning"]}
 
 
 def test_a_forecast_is_announced_before_the_stages_and_each_contestant_when_it_is_finished(timed):
