@@ -645,6 +645,21 @@ def enlargement(points: Array, displacement: Array, covariance: Array, size: flo
     return round_factor(room / max(longest, 1e-9))
 
 
+def _clear_sides(points: Array, radii: Array, moved: Array, height: float) -> Array:
+    """Sides (n, 2) of dots on which there is room for a number of that height, if any, away from their arrows first."""
+    sides = np.array([[0, 1], [0, -1], [1, 0], [-1, 0]], dtype=float)
+    chosen, written = np.zeros_like(points), np.full_like(points, np.inf)
+    for k, (point, radius) in enumerate(zip(points, radii, strict=True)):
+        order = sides[np.argsort(sides @ moved[k], kind="stable")]
+        places = point + (radius + height) * order
+        room = np.linalg.norm(places[:, None] - points, axis=-1) - radii - height
+        room[:, k] = np.inf
+        beside = np.linalg.norm(places[:, None] - written, axis=-1) - 2 * height
+        best = int(np.argmax(np.minimum(room, beside).min(axis=1) >= 0))
+        chosen[k], written[k] = order[best], places[best]
+    return chosen
+
+
 def draw_print_map(
     marker: Marker, ids: list[str], points: Array, displacement: Array, covariance: Array, factor: float, ax: "Axes"
 ) -> "Axes":
@@ -680,10 +695,10 @@ def draw_print_map(
         )
     )
     if len(ids) <= _MOST_IDS:
-        for name, point, radius, moved in zip(ids, points, radii, displacement, strict=True):
-            away = -np.sign(moved[1]) or 1.0
+        sides = _clear_sides(points, radii, displacement[:, :2], 0.025 * size)
+        for name, point, radius, side in zip(ids, points, radii, sides, strict=True):
             ax.annotate(
-                name, point + [0, away * radius], (0, 7 * away), textcoords="offset points", ha="center", va="center",
+                name, point + radius * side, tuple(7 * side), textcoords="offset points", ha="center", va="center",
                 fontsize=8, color=MUTED, zorder=6,
             )  # fmt: skip
     values, vectors = np.linalg.eigh(covariance[:, :2, :2])

@@ -298,6 +298,24 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
     assert np.column_stack([arrows.U, arrows.V]) == pytest.approx(ends - points)
 
 
+def test_numbers_on_the_map_are_clear_of_dots_and_of_each_other(make_ngon):
+    """Where dots stand closely, arrows push numbers onto neighbors, and two numbers into one gap."""
+    from matplotlib.figure import Figure
+
+    marker = make_ngon(4, 0.1, 0.04)
+    points = np.array([[-60.0, 0], [-15.0, 0], [35.0, 0], [-60.0, -45]])
+    moved = np.array([[0, 200, 0], [-200.0, 1, 0], [200.0, 1, 0], [0, -200, 0]])
+    ax = Figure().add_subplot()
+    draw_print_map(marker, list("0123"), points, moved, np.tile(np.eye(3), (4, 1, 1)), 50.0, ax)
+    numbers = [text for text in ax.texts if text.get_text() in "0123"]
+    sides = np.array([text.xyann for text in numbers]) / 7
+    places = points + (20 + 5) * sides
+    apart = np.linalg.norm(places[:, None] - np.concatenate([points, places]), axis=-1)
+    apart[:, :4] -= 20
+    apart[np.arange(4), np.arange(4) + 4] = np.inf
+    assert apart.min() > 4.9
+
+
 @pytest.mark.parametrize(("factor", "doubted"), [(1.2, ""), (5.0, "not quite where"), (20.0, "not where")])
 def test_dots_that_are_held_and_do_not_fit_are_named(calibrated, make_ngon, monkeypatch, factor, doubted):
     monkeypatch.setattr(Adjustment, "variance_factor", property(lambda _: factor))

@@ -26,7 +26,11 @@ def validate(
     details: Details = False,
     fail_if: Annotated[
         list[str] | None,
-        typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
+        typer.Option(
+            metavar="EXPR",
+            help="Exit with 1 if this holds of a number in the results, such as 'headline.rotation_deg > 0.5', the "
+            "error to plan with.",
+        ),
     ] = None,
     refine: Refine = None,  # noqa: ARG001 - of the release before
     **options: Any,
@@ -36,7 +40,7 @@ def validate(
 
     \b
     Example:
-      markergen validate marker.json --report report.html --fail-if 'estimators.lm.rotation_deg.rms > 1'
+      markergen validate marker.json --report report.html --fail-if 'headline.rotation_deg > 1'
     """
     from markergen.api.validate import validate as prove
     from markergen.validation.result import parse_condition

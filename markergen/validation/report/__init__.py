@@ -224,18 +224,18 @@ def answer(subject: Subject) -> Section:
     hardest = [max(getattr(pose_bin, key) for pose_bin in bins) for key in ("rotation_deg", "translation_mm")]
     bold = Markup("<strong>{}</strong>")
     by_place = {
-        (pose_bin.distance, pose_bin.tilt): Markup(", ").join(
+        (pose_bin.distance, pose_bin.tilt): Markup(" / ").join(
             bold.format(text) if value == worst else text
             for value, worst, text in (
-                (pose_bin.rotation_deg, hardest[0], f"{value_text(pose_bin.rotation_deg, 2)} deg"),
-                (pose_bin.translation_mm, hardest[1], f"{value_text(pose_bin.translation_mm, 2)} mm"),
+                (pose_bin.rotation_deg, hardest[0], value_text(pose_bin.rotation_deg, 2)),
+                (pose_bin.translation_mm, hardest[1], value_text(pose_bin.translation_mm, 2)),
             )
         )
         for pose_bin in bins
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
     table = Table(
-        "RMS error to expect by tilt and distance",
+        "RMS error to expect by tilt and distance, deg / mm",
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
         "The hardest cases are in bold.",
