@@ -66,6 +66,8 @@ void less_sure(Blob *blob, double variance);
 double grey_noise(const Image *image);
 /* The k-th smallest of `count` values, which it puts in another order; 0 of none. */
 double order_statistic(double *values, int64_t count, int64_t k);
+/* The same of numbers that are not negative, in their order, with room for four more behind them. */
+double ranked(float *values, int64_t count, int64_t k);
 
 /* ---- lens.c ---- */
 

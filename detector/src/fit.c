@@ -276,41 +276,6 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
     return 0;
 }
 
-/* The upper median of numbers that are not negative, 0 of none; behind them there is room for LANES more. Halving the range takes a
-   dozen passes without a branch that depends on them, which is a third of the time of sorting them out. */
-static double median_of(float *values, int64_t count)
-{
-    Lanes most = all(0), least = all(INFINITY);
-    write(values + count, most);
-    for (int64_t i = 0; i < count; i += LANES)
-        most = most_of(most, read(values + i));
-    write(values + count, least);
-    /* As many are below `low` and below `high`. */
-    float low = 0, high = 2 * largest_of(most) + 1e-6f;
-    int64_t under = 0, over = count;
-    while (over - under > 1) {
-        const float middle = low + (high - low) / 2;
-        Flags below = {0};
-        if (!(middle > low && middle < high))
-            break;
-        for (int64_t i = 0; i < count; i += LANES)
-            below -= read(values + i) < middle;
-        const int64_t number = below[0] + below[1] + below[2] + below[3];
-        if (number <= count / 2) {
-            low = middle;
-            under = number;
-        } else {
-            high = middle;
-            over = number;
-        }
-    }
-    for (int64_t i = 0; i < count; i += LANES) {
-        const Lanes own = read(values + i);
-        least = least_of(least, pick(own < low, all(INFINITY), own));
-    }
-    return count ? (double)-largest_of(-least) : 0;
-}
-
 /* Standard deviation of the residual's white part, from the median of neighbors' differences: misfit, which is smooth, and
    foreign pixels, which are few, hardly count. In a small dot, all pixels are near an edge, and a misfit looks like noise: at
    most that of the image. */
@@ -324,7 +289,7 @@ static double noise_of(Descent *dot)
         count += (y[i + 1] == y[i]) & (fabsf(x[i + 1] - x[i] - 1) < 0.5f);
     }
     /* The median of |N(0, 1)| is 0.6745, and a difference has twice the variance. */
-    const double white = median_of(dot->differences, count) / (0.6745 * sqrt(2.0));
+    const double white = ranked(dot->differences, count, count / 2) / (0.6745 * sqrt(2.0));
     return smaller(larger(white, sqrt(QUANTIZATION)), dot->image_noise);
 }
 

@@ -38,6 +38,41 @@ double order_statistic(double *values, int64_t count, int64_t k)
     return count ? values[k] : 0;
 }
 
+/* Halving the range takes a dozen passes without a branch that depends on the numbers: for hundreds, a third of the time of
+   order_statistic. */
+double ranked(float *values, int64_t count, int64_t k)
+{
+    Lanes most = all(0), least = all(INFINITY);
+    write(values + count, most);
+    for (int64_t i = 0; i < count; i += LANES)
+        most = most_of(most, read(values + i));
+    write(values + count, least);
+    /* As many are below `low` and below `high`. */
+    float low = 0, high = 2 * largest_of(most) + 1e-6f;
+    int64_t under = 0, over = count;
+    while (over - under > 1) {
+        const float middle = low + (high - low) / 2;
+        Flags below = {0};
+        if (!(middle > low && middle < high))
+            break;
+        for (int64_t i = 0; i < count; i += LANES)
+            below -= read(values + i) < middle;
+        const int64_t number = below[0] + below[1] + below[2] + below[3];
+        if (number <= k) {
+            low = middle;
+            under = number;
+        } else {
+            high = middle;
+            over = number;
+        }
+    }
+    for (int64_t i = 0; i < count; i += LANES) {
+        const Lanes own = read(values + i);
+        least = least_of(least, pick(own < low, all(INFINITY), own));
+    }
+    return count ? (double)-largest_of(-least) : 0;
+}
+
 /* Pieces of this many pixels in a row, in this many rows at least, of which those at this quantile show plain paper, if
    anything does. */
 enum { PIECE = 32, PIECE_ROWS = 32 };
@@ -46,7 +81,7 @@ static const double PLAIN = 0.2;
 double grey_noise(const Image *image)
 {
     const int64_t pieces = image->width / PIECE, by_rows = image->height / PIECE_ROWS, every = by_rows > 8 ? by_rows : 8;
-    double *sums = malloc(sizeof *sums * (size_t)(pieces * (image->height / every + 1) + 1));
+    float *sums = malloc(sizeof *sums * (size_t)(pieces * (image->height / every + 1) + 1 + LANES));
     int64_t count = 0;
     if (!sums)
         return NO_MEMORY;
@@ -69,11 +104,11 @@ double grey_noise(const Image *image)
                 sum = whole;
             }
             /* Saturated pieces show no noise. */
-            sums[count] = sum;
+            sums[count] = (float)sum;
             count += sum > 0;
         }
     }
-    const double square = order_statistic(sums, count, (int64_t)(PLAIN * (double)count));
+    const double square = ranked(sums, count, (int64_t)(PLAIN * (double)count));
     free(sums);
     return sqrt(square / (PIECE - 1) / 2);
 }

@@ -1346,12 +1346,9 @@ static int64_t common_divisor(int64_t a, int64_t b) { return b ? common_divisor(
 enum { PROBES = 40 };
 
 /* Whether a labeling with a pose may have blobs for `least` dots: of up to `probes`, as many less three standard deviations of
-   what such a sample has. They are spread by the golden section, since every second dot of a grid is in the same columns. */
-static int may_label(const Scene *scene, const Layout *layout, const Pose *pose, int64_t probes, int64_t least)
+   what such a sample has, `stride` apart. */
+static int may_label(const Scene *scene, const Layout *layout, const Pose *pose, int64_t probes, int64_t stride, int64_t least)
 {
-    int64_t stride = (int64_t)(0.618 * (double)layout->count) + 1;
-    while (common_divisor(stride, layout->count) > 1)
-        stride++;
     const double share = (double)least / (double)layout->count, left = (double)(layout->count - probes) / (double)layout->count;
     double spare = (double)probes * (1 - share) + 3 * sqrt(left * (double)probes * share * (1 - share)) + 1;
     for (int64_t k = 0, i = 0; k < probes && spare >= 0; k++, i = (i + stride) % layout->count) {
@@ -1372,6 +1369,10 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
     const Constellation *part = main_part(layout, chosen->labels);
     const Pose pose = chosen->pose;
     const int64_t probes = layout->count < PROBES ? layout->count : PROBES;
+    /* They are spread by the golden section, since every second dot of a grid is in the same columns. */
+    int64_t stride = (int64_t)(0.618 * (double)layout->count) + 1;
+    while (common_divisor(stride, layout->count) > 1)
+        stride++;
     /* Two bases: a rival may lack one of the dots of the first. Of short pairs, all images are among the pairs of neighbors. */
     int64_t used[2] = {-1, -1};
     for (int base = 0; base < 2; base++) {
@@ -1399,7 +1400,7 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
             const double area = span * length;
             const Pose moved = moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / area, (u * y - v * x) / area);
             work->steps += 4 * probes;
-            if (!may_label(scene, layout, &moved, probes, least))
+            if (!may_label(scene, layout, &moved, probes, stride, least))
                 continue;
             Labeling rival = {0};
             rival.labels = work->labels;
