@@ -21,7 +21,7 @@ MOST_COPIES, MOST_BLOBS, MOST_STEPS, MOST_FULL = 32, 4096, 100_000, 8
 for each of which a search may take so many.
 
 In 1,500 mixed views of 640 x 480, 90,000 steps cut the search short in 7 without a finding, these in 6, 1,000,000
-never, and find 2 more; keyboards take 4 to 5 times as long as a photograph with the marker. If all bodies share these,
+never, and find 2 more; keyboards take 3 to 4 times as long as a photograph with the marker. If all bodies share these,
 photographs of six markers among which seven are sought show four; with 150,000 for each, they show no more.
 """
 LARGEST_IMAGE = 2**28

@@ -1049,7 +1049,8 @@ static void add_guess(Work *work, const Guess *guess)
 }
 
 /* Poses guessed from blob `i`, which work->position and work->normal are of, as the first and `j` as the second of a pair of dots:
-   the outline of the first gives the plane, twice, up to the rotation about its normal; the ray through the second meets that plane where its dot is. */
+   the outline of the first gives the plane, twice, up to the rotation about its normal; the ray through the second meets that
+   plane where its dot is. */
 static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, int64_t least, Work *work)
 {
     const Constellation *part = layout->constellations + which;
