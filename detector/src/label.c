@@ -1021,8 +1021,8 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
 
 static int hop(const Scene *scene, const Layout *layout, Pool *pool, Work *work);
 
-/* How much longer an ellipse is than that of a disk with a normal there, as the hyperbolic cosine of the logarithm: the image of a small disk is proportional to
-   G = A (I - n n') A', A = [I, -x]. */
+/* How much longer an ellipse is than that of a disk with a normal there, as the hyperbolic cosine of the logarithm: the image of a
+   small disk is proportional to G = A (I - n n') A', A = [I, -x]. */
 static double stretched(const double *e, double area, double x, double y, const double *n)
 {
     const double ax = n[0] - x * n[2], ay = n[1] - y * n[2];
