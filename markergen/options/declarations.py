@@ -43,6 +43,7 @@ from markergen.options.shared import (
     Printed,
     ProcessKeyword,
     Restarts,
+    Scaled,
     Seed,
     SheetKeywords,
     Time,
@@ -381,10 +382,7 @@ class ValidateKeywords(TypedDict, total=False):
         Option(IMAGES, "Repeat the views with blur, noise, low light, a hidden dot, clutter.", False, flags="--stress"),
     ]
     print_sigma: Printed
-    scale_sigma: Annotated[
-        float,
-        Option(ERRORS, "Standard deviation of the print's scale along x and y; 0.001 is 0.1 %.", 0, metavar="SHARE"),
-    ]
+    scale_sigma: Scaled
     camera_covariance: Calibrated
     seed: Annotated[int, Option(RUN, "Seed for the noise; the same seed gives the same results.", 0)]
     workers: Workers
@@ -407,6 +405,7 @@ class DetectorKeywords(TypedDict, total=False):
 
     camera_covariance: Calibrated
     print_sigma: Printed
+    scale_sigma: Scaled
     symmetric: Annotated[
         str,
         Option(RUN, "none, or any: of a layout with rotational symmetry, take any labeling.", "none", metavar="NAME"),

@@ -15,6 +15,9 @@ Printed = Annotated[
         otherwise=f"that of the design, or {PRINT_SIGMA_TEXT}",
     ),
 ]
+Scaled = Annotated[
+    float, Option(ERRORS, "Standard deviation of the print's scale along x and y; 0.001 is 0.1 %.", 0, metavar="SHARE")
+]
 Calibrated = Annotated[
     Covariance,
     Option(

@@ -83,6 +83,14 @@ def test_standard_output_is_json_alone(here, capsys):
     assert len(json.loads(capsys.readouterr().out)) == 2
 
 
+def test_a_scale_that_nobody_measured_counts_in_the_distance(here, capsys):
+    """Of a print whose scale is off by 1 % along x and along y, distances are off by 0.7 %."""
+    assert main(["detect", "good/130.png", *ALL, "--scale-sigma", "0.01", "--json", "-"]) == 0
+    pose = json.loads(capsys.readouterr().out)[0]["markers"][0]["pose"]
+    distance = np.linalg.norm(pose["translation"])
+    assert 0.6 < pose["sigma"]["translation"]["print"] / (0.01 * distance) < 1.2
+
+
 def test_a_photo_without_the_marker_is_status_1(here, capsys):
     assert main(["detect", "empty.png", "good/130.png", *ALL]) == 1
     said = capsys.readouterr().out
@@ -115,6 +123,7 @@ def test_without_a_camera(here, capsys):
         (["good", *ALL, "--symmetric", "magic"], "none or any"),
         (["good", *ALL, "--smallest", "-1"], "0 px or more"),
         (["good", *ALL, "--print-sigma", "-1mm"], "print"),
+        (["good", *ALL, "--scale-sigma", "0.5"], "scale"),
         (["good", "--marker", "marker.json", "--camera-covariance", "x"], "--camera"),
         (["good"], "--marker"),
         (["good", *ALL, "--json", "no/such/folder/f.json"], "no/such/folder"),
