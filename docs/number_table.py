@@ -358,7 +358,7 @@ MEASURED: Sequence[Entry] = (
         "in the principal point costs more: the error is # times as large with both",
         "`validate marker.json`",
         [
-            (VALIDATED, "RE, deg # # @ @"),
+            (VALIDATED, "rotation, deg # # @ @"),
             (VALIDATED, "would err # and @ times as much"),
         ],
         lambda image, print_, times: [print_, image, times],

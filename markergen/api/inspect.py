@@ -14,6 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.geometry.contour import Contour, area, box
 from markergen.geometry.outlines import polygons_of
+from markergen.geometry.region import enclosing_circle
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.recorded_poses import RecordedPoses
@@ -332,11 +333,13 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
     outer = sum(area(contour) > 0 for contour in contours)
     sides = [side for contour in contours for side in contour.sides]
     arcs, total = sum(1 for side in sides if side[2]), sum(map(area, contours))
+    center = enclosing_circle(np.concatenate(polygons_of(contours)))[0].tolist()
     values = {
         "format": form,
         "unit_mm": scale * 1e3,
         "size_m": (high - low).tolist(),
         "low_m": low.tolist(),
+        "center_m": center,
         "area_m2": total,
         "outlines": int(outer),
         "holes": len(contours) - int(outer),
@@ -344,10 +347,12 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
         "arcs": arcs,
     }
     width, height = (format_length(float(side)) for side in high - low)
+    placed = " and ".join(f"{axis} {format_length(round(value, 7))}" for axis, value in zip("xy", center, strict=True))
     rows = {
         "format": form,
         "unit": f"{scale * 1e3:.7g} mm",
         "size": f"{width} x {height}, from ({format_length(float(low[0]))}, {format_length(float(low[1]))})",
+        "origin": f"of a marker at {placed} of the drawing; --origin file keeps the drawing's",
         "outlines": f"{outer}, with {len(contours) - outer} holes",
         "sides": f"{len(sides) - arcs} lines, {arcs} arcs",
         "area": f"{total * 1e6:.7g} mm^2",
@@ -390,7 +395,7 @@ def _body(kind: str, path: Path, asked: Mapping[str, Any]) -> Facts:
     sizes = ", ".join(map(format_length, diameters[:6]))
     rows = {
         "dots": f"{len(body.dots)} of {sizes}",
-        "size": f"within {format_length(body.radius)} of the origin",
+        "size": f"within {format_length(float(f'{body.radius:.4g}'))} of the origin",
         **{plate.name: str(plate.marker) for plate in plates},
         "tags": ", ".join(tags.values()) or "none",
     }

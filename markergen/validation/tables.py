@@ -201,7 +201,7 @@ def budget_table(results: Mapping[str, Any]) -> Table:
     budget = results["budget"]
     rows = [
         [name, *(number(budget[key][source]) for source in SOURCES)]
-        for name, key in (("RE, deg", "rotation_deg"), ("TE, %", "translation_pct"))
+        for name, key in (("rotation, deg", "rotation_deg"), ("translation, %", "translation_pct"))
     ]
     camera = (
         "taken as exact, unless --camera-covariance"

@@ -15,7 +15,7 @@ from markergen.geometry.contour import area
 from markergen.model.camera import Camera, Distortion
 from markergen.model.pose_sources.cone import Cone
 from markergen.read.cameras.covariance import camera_covariance
-from markergen.read.outlines.boundary import read_contours
+from markergen.read.outlines.boundary import parse_boundary, read_contours
 from markergen.read.poses import read_poses
 from markergen.read.templates import template_text
 
@@ -155,6 +155,8 @@ def test_an_outline_as_other_programs_read_it(tmp_path):
     assert values["area_m2"] * 1e6 == pytest.approx(expected)
     assert (values["outlines"], values["holes"], values["lines"], values["arcs"]) == (1, 1, 4, 3)
     np.testing.assert_allclose(values["size_m"], (0.1, 0.05))
+    kept, moved = (parse_boundary(str(path), origin=origin) for origin in ("file", "center"))
+    np.testing.assert_allclose(kept.outlines()[0] - values["center_m"], moved.outlines()[0], atol=1e-9)
     model = ezdxf.readfile(tmp_path / "plate.dxf").modelspace()
     (circle,), (line,) = model.query("CIRCLE"), model.query("LWPOLYLINE")
     assert circle.dxf.radius == pytest.approx(5)
