@@ -16,7 +16,7 @@ from markergen_detect.verdict import Verdict, read_verdict
 
 Array = NDArray[np.float64]
 
-MOST_COPIES, MOST_BLOBS, MOST_STEPS, MOST_FULL = 32, 4096, 100_000, 8
+MOST_COPIES, MOST_BLOBS, MOST_STEPS, MOST_FULL = 32, 4096, 30_000, 8
 """Largest numbers of copies of a body, of blobs that are looked at, of steps of the search for a body, and of bodies
 for each of which a search may take so many.
 

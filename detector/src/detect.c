@@ -18,6 +18,9 @@ static const double MARGIN = 8;
    ends: in 800 views there was one at most, regular patterns have thousands. */
 enum { RESTARTS = 4, NOTHING = -2 };
 
+/* Why a search for a layout has ended: none of the blobs that are left shows it, or they are not to be asked again. */
+enum { NONE_LEFT = 1, CLOSED };
+
 /* Angle by which a plate is turned that is not in its place, rad: poses of single plates err by less. */
 static const double TURNED = 0.26;
 
@@ -82,9 +85,14 @@ static void take(Frame *frame, const Layout *layout, const Labeling *labeling)
             if (taken)
                 drop(pool, i--);
         }
-        frame->quests[l].restarts = 0;
-        if (!pool->count)
-            frame->quests[l].searched = 0;
+        Quest *quest = frame->quests + l;
+        quest->restarts = 0;
+        /* What cut a search short may have been the dots that are taken now. */
+        const int again = quest->ended == NONE_LEFT && quest->why.cut;
+        if (again)
+            quest->ended = 0;
+        if (again || !pool->count)
+            quest->searched = 0;
     }
 }
 
@@ -189,7 +197,7 @@ static void seek(Frame *frame, int64_t l)
     /* All members of a family may be there; further copies are in plain sight. */
     const int first = quest->found < quest->members;
     if (!quest->searched) {
-        quest->pool.count = 0;
+        quest->pool.count = quest->why.cut = 0;
         for (int f = 0; f < (frame->calibrated ? 1 : 3); f++) {
             if (!frame->calibrated)
                 scene_focal(&frame->scene, FOCALS[f]);
@@ -208,7 +216,7 @@ static void seek(Frame *frame, int64_t l)
         quest->why.missing = best->missing;
     }
     /* Rough outlines have less to say: fitted, they may say more. */
-    quest->ended = !(best->evidence > (has_tag(frame->model, l) ? 0 : SURE / 2));
+    quest->ended = best->evidence > (has_tag(frame->model, l) ? 0 : SURE / 2) ? 0 : NONE_LEFT;
 }
 
 /* Whether a tag faces the camera. */
@@ -598,7 +606,7 @@ static int next_finding(Frame *frame)
         if (finding.state && !quest->found)
             quest->why = finding;
         /* Another marker than the one that is looked for has these dots. */
-        quest->ended = !(finding.state && strangers);
+        quest->ended = finding.state && strangers ? 0 : CLOSED;
         return 1;
     }
     Labeling *chosen = quest->pool.best + place;
@@ -620,7 +628,7 @@ static int next_finding(Frame *frame)
         claim.tag = claim.tag_state = -1;
         claim.rival = best;
         finding.rival = l;
-        other->ended = 1;
+        other->ended = CLOSED;
         if (!other->found)
             status = add_findings(frame, l, best_of(&other->pool), &claim);
     }

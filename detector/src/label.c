@@ -10,10 +10,10 @@
 #include "label.h"
 #include "numbers.h"
 
-/* Tolerated error of a semi-axis of a rough ellipse: a share of it, for the perspective within a dot, and px over the smaller
-   semi-axis, where outlines of small dots are blurred most; of two sizes' ratio, in units of that of their distance, which
-   ink changes less. Tolerated error of a guess at a near dot: a share of its distance, and px; and the ratio of areas. */
-static const double SLACK = 0.2, SLACK_PX = 0.4, GROWTH = 0.75, DRIFT = 0.2, DRIFT_PX = 1.5, ALIKE = 2.2255;
+/* Tolerated error of a semi-axis of a rough ellipse: a share of it, without a camera, whose perspective is then a guess, and with
+   one; and px over the smaller semi-axis, where outlines of small dots are blurred most. The same of where a guess has a near
+   dot, as a share of its distance, and px; of two sizes' ratio, in units of it; and the ratio of areas. */
+static const double SLACK[] = {0.2, 0.05}, SLACK_PX = 0.4, DRIFT_PX = 1.5, GROWTH = 0.75, ALIKE = 2.2255;
 
 /* Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring. */
 static const double DOUBTFUL = 0.25;
@@ -153,7 +153,7 @@ static void show_blob(Scene *scene, int64_t k, double focal)
     shown->area = sqrt(det);
     place_spot(scene, k);
     shown->size = log(det) / 4;
-    shown->slack = SLACK + SLACK_PX / larger(shorter_px(scene->px * focal, e), 1e-150);
+    shown->slack = SLACK[scene->calibrated] + SLACK_PX / larger(shorter_px(scene->px * focal, e), 1e-150);
 }
 
 /* Lists the blobs by squares of the image, in each in their order. */
@@ -902,6 +902,22 @@ static uint64_t digest(const int64_t *labels, int64_t n)
     return hash;
 }
 
+/* Fits the pose of the labels of a guess, also the mirrored one if asked for, and keeps the better; 0 if neither fits at all. */
+static int fits_roughly(const Scene *scene, const Layout *layout, int mirrors, Labeling *labeling, Work *work)
+{
+    const int64_t m = matches_of(scene, layout, labeling->labels, work);
+    Pose other = labeling->pose;
+    mirrors = mirrors && on_one_plate(layout, work, m);
+    if (mirrors)
+        mirrored_pose(layout->dots, work->matches, m, &labeling->pose, &other);
+    const double chi2 = fit(scene, layout, m, work, &labeling->pose);
+    const double mirrored = mirrors ? fit(scene, layout, m, work, &other) : INFINITY;
+    if (mirrored < chi2)
+        labeling->pose = other;
+    const double semi = scene->shown[work->matches[0].blob].mean, coarse = larger(1, semi / COARSE_PX[scene->calibrated]);
+    return smaller(chi2, mirrored) <= IMPLAUSIBLE * coarse * coarse * (double)(2 * m - 6);
+}
+
 /* Whether labels were tried before; they are now. Of many, some are forgotten: they are tried twice. */
 static int tried(Work *work, const int64_t *labels, int64_t n)
 {
@@ -947,7 +963,7 @@ static int64_t keep(Pool *pool, const Layout *layout, const Labeling *labeling)
 
 /* Steps of a search that count for each dot of a guess that is followed, and of one that is settled. With 0, 100 and 200 for the
    latter, a keyboard takes 10, 6 and 5 ms at the same limit; with 200, some views of strangers need a tenth more steps. */
-enum { FOLLOWING = 30, SETTLING = 200 };
+enum { FOLLOWING = 6, FITTING = 25, SETTLING = 45 };
 
 /* The labeling to which a guess leads, grown from the dot that it starts from. Returns its place in the pool or -1. */
 static int64_t follow(const Scene *scene, const Layout *layout, const Guess *guess, Work *work, Pool *pool)
@@ -990,17 +1006,7 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         if (begins && tried(work, labeling.labels, layout->count))
             return -1;
         begins = 0;
-        const int64_t m = matches_of(scene, layout, labeling.labels, work);
-        Pose other = labeling.pose;
-        const int mirrors = round == 0 && on_one_plate(layout, work, m);
-        if (mirrors)
-            mirrored_pose(layout->dots, work->matches, m, &labeling.pose, &other);
-        const double chi2 = fit(scene, layout, m, work, &labeling.pose);
-        const double mirrored = mirrors ? fit(scene, layout, m, work, &other) : INFINITY;
-        if (mirrored < chi2)
-            labeling.pose = other;
-        const double semi = scene->shown[work->matches[0].blob].mean, coarse = larger(1, semi / COARSE_PX[scene->calibrated]);
-        if (smaller(chi2, mirrored) > IMPLAUSIBLE * coarse * coarse * (double)(2 * m - 6))
+        if (!fits_roughly(scene, layout, round == 0, &labeling, work))
             return -1;
         within *= 1.6;
     }
@@ -1012,6 +1018,11 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         inside += labeling.labels[i] < 0 && work->drawn[i].seen && work->drawn[i].facing > PLAIN_FACING && in_frame(scene, work->drawn + i);
     if (inside > 3 * count)
         return -1;
+    if (begins) {
+        work->steps += FITTING * layout->count;
+        if (!fits_roughly(scene, layout, 1, &labeling, work))
+            return -1;
+    }
     work->steps += SETTLING * layout->count;
     settle(scene, layout, &labeling, best_of(pool)->evidence, work);
     return keep(pool, layout, &labeling);
@@ -1057,8 +1068,8 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
     const Pose to_body = inverse_of(layout->plates + part->plate);
     const Shown *first = scene->shown + i, *second = scene->shown + j;
     const double f = scene->focal, x = scene->blobs[j].at[0] / f, y = scene->blobs[j].at[1] / f;
-    const double allowed = hypot(first->slack, second->slack), limit = exp(allowed), growth = exp(2 * GROWTH * allowed);
-    const double *e = scene->blobs[j].shape, area = f * f * second->area, longest = (limit + 1 / limit) / 2;
+    const double allowed = hypot(first->slack, second->slack), growth = exp(2 * GROWTH * allowed), longest = cosh(allowed);
+    const double *e = scene->blobs[j].shape, area = f * f * second->area, limit = exp(hypot(allowed, 2 * INK));
     for (int side = 0; side < 2; side++) {
         const double *p = work->position[side], *n = work->normal[side];
         const double toward = n[0] * x + n[1] * y + n[2];
@@ -1121,7 +1132,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                     continue;
                 /* How close the nearest blob is: 1 at the place, 0 beyond the gate, less by the square of the distance. */
                 const double per = 1 / pz, at[2] = {f * px * per, f * py * per};
-                const double gate = f * DRIFT * sqrt(dx * dx + dy * dy + dz * dz) * per + DRIFT_PX / scene->px;
+                const double gate = f * first->slack * sqrt(dx * dx + dy * dy + dz * dz) * per + DRIFT_PX / scene->px;
                 double away_from;
                 nearest_blob(scene, NULL, at, gate, 0, gate, radius * radius * facing * per * per * per, ALIKE, &away_from);
                 const double close = 1 - away_from;
@@ -1250,7 +1261,7 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
         const int64_t least = strong ? near - near / 4 : usual;
         if (!part->pair_count)
             continue;
-        const int64_t most = ring ? RINGED_BLOBS : part->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
+        const int64_t most = ring ? RINGED_BLOBS : strong || part->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
         /* The factor of 2 covers the perspective of near views, in which radii shrink toward the far side. */
         const double far = 2 * part->ratio[part->pair_count - 1] * larger(scene->shown[i].root[0], scene->shown[i].root[2]) / scene->px;
         int64_t count = partners_of(scene, i, blobs, most, far, part->sizes + 1, work);
@@ -1273,10 +1284,11 @@ enum { LONGER = 3 };
 /* Finds the labelings of the blobs that are not taken, the best `pool`.
 
    The first n + 4 blobs, which are the most dot-like, are searched, then twice as many, and so on. Guesses that most of the
-   near dots confirm are followed at once; when none is left, those with half of them, if the search is thorough. */
+   near dots confirm are followed at once; those with half of them when none is left among twice as many blobs, if the search is
+   thorough. */
 void search(Scene *scene, const Layout *layout, const Budget *budget, int thorough, Work *work, Pool *pool)
 {
-    int64_t fresh = 0, blobs = layout->count + 4, after = -1;
+    int64_t before = 0, fresh = 0, blobs = layout->count + 4, after = -1;
     /* Each constellation is searched; larger layouts take longer to label; further copies are in plain sight. */
     const int64_t begin = work->steps;
     const int64_t span = budget->steps * layout->constellation_count * (32 + layout->count) / (thorough ? 32 : 96);
@@ -1284,11 +1296,15 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
     memset(work->tried, 0, TRIED * sizeof *work->tried);
     while (fresh < scene->count) {
         blobs = blobs < scene->count ? blobs : scene->count;
-        for (int strong = 1; strong >= !thorough; strong--) {
-            for (int64_t i = 0; i < blobs; i++) {
+        for (int pass = 0; pass < (thorough ? 3 : 1); pass++) {
+            const int strong = pass == 0;
+            const int64_t from = pass == 1 ? before : fresh, to = pass == 1 ? fresh : blobs;
+            if (pass == 2 && blobs < scene->count)
+                break;
+            for (int64_t i = 0; i < to; i++) {
                 if (scene->taken[i])
                     continue;
-                guess_from(scene, layout, i, fresh, blobs, strong, work);
+                guess_from(scene, layout, i, from, to, strong, work);
                 if (strong && work->guess_count && follow_all(scene, layout, FOLLOWED, work, pool))
                     return;
                 const int longer = layout->count > MANY_DOTS && best_of(pool)->evidence > SURE;
@@ -1296,17 +1312,18 @@ void search(Scene *scene, const Layout *layout, const Budget *budget, int thorou
                 if (work->cut)
                     break;
             }
+            if (!strong && follow_all(scene, layout, LAST_FOLLOWED, work, pool))
+                return;
             /* With some of the dots hidden, the strong guesses have led there. */
             if (work->cut || best_of(pool)->evidence > SURE + 20)
                 break;
-            if (!strong && follow_all(scene, layout, LAST_FOLLOWED, work, pool))
-                return;
         }
         /* What is found is looked for among twice as many blobs, and no more. */
         if (work->cut || (after >= 0 && blobs >= after))
             return;
         if (after < 0 && best_of(pool)->evidence > SURE)
             after = 2 * blobs;
+        before = fresh;
         fresh = blobs;
         blobs *= 2;
     }
