@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dot_scenes import scene
 
 import markergen as mg
 from benchmarks import detection_quality as quality
@@ -49,6 +50,30 @@ def test_a_layout_that_nearly_repeats_is_labeled_right(hidden):
         (finding,) = mg.Detector(marker, camera)(scene.image)
         assert len(finding.ids) >= len(grid) - hidden - 4
         assert np.abs(finding.pixels - scene.pixels[finding.ids]).max() < 0.5
+
+
+@pytest.mark.parametrize("sought", [slice(1, 2), slice(2)], ids=["alone", "both"])
+def test_a_marker_beside_a_larger_one_is_found(sought):
+    # 40 dots of the same size lead to many labelings of four of the other's 8: a search that these cut short misses it.
+    for seed in (21, 34, 38):
+        rng = np.random.default_rng(seed)
+        layouts = [spread(rng, n) for n in (40, 8)]
+        places = [
+            layout * [1, -1] + center for layout, center in zip(layouts, ((0.15, 0.18), (0.4, 0.18)), strict=True)
+        ]
+        image = scene([(1330 * place, (8, 8), 0, 0) for place in np.concatenate(places)], (480, 640), seed=seed)
+        detector = mg.Detector([mg.Marker.from_points(layout, 0.012) for layout in layouts][sought], quality.CAMERA)
+        assert all(len(finding.ids) in (8, 40) for finding in detector(image))
+
+
+def spread(rng, n):
+    """Points (n, 2) in m at random, at least 16 mm from each other."""
+    points = rng.uniform(-0.02, 0.02, (1, 2)) * n**0.5
+    while len(points) < n:
+        point = rng.uniform(-0.02, 0.02, 2) * n**0.5
+        if np.linalg.norm(points - point, axis=1).min() > 0.016:
+            points = np.vstack([points, point])
+    return points
 
 
 @pytest.mark.parametrize("k", [pytest.param(4, marks=pytest.mark.long), 12])
