@@ -15,6 +15,7 @@ from markergen.model.boundary import Circle, Polygon
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
 from markergen.model.tag import Tag
+from markergen.workshop.drafting.details import back_view
 from markergen.workshop.drafting.pen import DARK, Lettering
 from markergen.workshop.drafting.symbols import projection_symbol
 from markergen.workshop.drafting.views import drawing_area, front_page
@@ -265,3 +266,10 @@ def test_numbers_are_nearest_to_their_dots():
         center = np.array([(left + right) / 2, (bottom + top) / 2]) - page.origin
         away = np.linalg.norm(1e3 * page.scale * np.array(points) - center, axis=1)
         assert np.argmin(away) == k
+
+
+def test_the_back_is_as_large_as_its_place_allows():
+    # 1084 mm with lines: 218 mm high at 1 : 5, of 240 mm.
+    view = back_view(described(case(ngon(12, 0.48), Circle(0.54), 0.01)), 260.0, 240.0)
+    assert view.title.startswith("Seen from the back, 1 : 5")
+    assert view.height == pytest.approx(1084 / 5 + 1)
