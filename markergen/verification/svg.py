@@ -1,7 +1,7 @@
 """Read an SVG with all transforms and units, by the outline reader, which shares no code with the writer.
 
 What shows of it is decided by the picture that resvg makes, as browsers do. Before, its styles are put into the forms
-that all programs read alike: resvg and svgelements draw colors in forms that they do not know in black, such as
+that all programs read alike: resvg draws colors in forms that it does not know in black, such as
 ``rgb(255 255 255 / 1)``; tinycss2 1.5 takes ``rgb(none, 1, 2)`` and ``hwb(1, 2%, 3%)``, and refuses
 ``rgb(51 40% 153)``.
 """
@@ -23,7 +23,7 @@ from markergen.errors import InputError, brief, reason_of
 from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
 from markergen.read.outlines.formats import OUTLINE_FORMATS, PIXELS_PER_INCH, OutlineFile
-from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg
+from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg, pixels_of
 from markergen.verification.picture import PagePicture
 from markergen.verification.reading import (
     READERS,
@@ -122,7 +122,8 @@ def read_svg(data: bytes, name: str, body: Body, settings: Settings) -> Reading:
             elif len(points) >= 3:
                 corners.append(points[np.isfinite(points).all(axis=1)])
     root = parse_svg(file)
-    size = _size(root.get("width"), root.get("height"))
+    sides = [pixels_of(root.get(key)) for key in ("width", "height")]
+    size = None if sides[0] is None or sides[1] is None else (sides[0] * CSS_PIXEL, sides[1] * CSS_PIXEL)
     box = _drawn(root.get("viewBox"), size, scale)
     page = Page(
         circles_of(circles, name), size, np.concatenate(corners),
@@ -141,16 +142,6 @@ def _paint_of(style: Style, filled: bool) -> str:
     text = style["fill" if filled else "stroke"]
     is_color = text.startswith("#") or text in ImageColor.colormap
     return str(("fill" if filled else "stroke", ImageColor.getcolor(text, "RGBA") if is_color else text))
-
-
-def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
-    from svgelements import Length
-
-    try:
-        sides = tuple(float(Length(text or "").value(ppi=PIXELS_PER_INCH)) * CSS_PIXEL for text in (width, height))
-    except (ValueError, TypeError, AttributeError):
-        return None
-    return (sides[0], sides[1]) if np.isfinite(sides).all() else None
 
 
 def _drawn(view_box: str | None, size: tuple[float, float] | None, scale: float) -> Array:

@@ -611,7 +611,7 @@ class _SvgReader:
         """Left, top, right and bottom of a box that holds the lines of a text; nan if more than sizes shapes them."""
         lines = list(element.iter())
         styles = [style_of(line, style, self.sheet) for line in lines[1:]]
-        sizes = [_pixels(line_style["font-size"], PX) for line_style in (style, *styles)]
+        sizes = [pixels_of(line_style["font-size"]) for line_style in (style, *styles)]
         if any(
             line.tag not in ("text", "tspan", "title", "desc") or _SHAPED.search(f"{line.attrib}") or line_style["font"]
             for line, line_style in zip(lines, (style, *styles), strict=True)
@@ -625,7 +625,7 @@ class _SvgReader:
             return (np.nan,) * 4
         # No letter is wider than 1.5 of its size, nor higher, from whichever line it is measured.
         strokes = [line_style["stroke-width"] for line_style in (style, *styles) if line_style["stroke"] != "none"]
-        size += max((_pixels(width, SCREEN) or np.nan for width in strokes), default=0.0)
+        size += max((pixels_of(width, SCREEN) or np.nan for width in strokes), default=0.0)
         wide = 1.5 * size * max(len("".join(line.itertext())) for line in lines)
         (left, top), (right, bottom) = at.min(axis=0), at.max(axis=0)
         return left - wide, top - 1.5 * size, right + wide, bottom + 1.5 * size
@@ -722,7 +722,7 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array
     box = _view_box(root, shapes, "svg")
     sides = [root.get(key) for key in ("width", "height")]
     # In px does not count as physical, since programs disagree about it.
-    physical = [_pixels(side, PX.keys() - SCREEN) for side in sides]
+    physical = [pixels_of(side, PX.keys() - SCREEN) for side in sides]
     width, height = (size and size * 0.0254 / PX["in"] for size in physical)
     identity = np.eye(3)
     if box is None:
@@ -733,7 +733,7 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array
         return (0.0254 / PX["in"] if is_physical else None), 1.0, identity, (wide, high)
     in_pixels = width is None and height is None
     if in_pixels:
-        width, height = (_pixels(side, SCREEN) for side in sides)
+        width, height = (pixels_of(side, SCREEN) for side in sides)
     scales = [size / side for size, side in zip((width, height), box[2:], strict=True) if size is not None]
     aspect = root.get("preserveAspectRatio", "")
     stretch = identity
@@ -751,7 +751,7 @@ def _measure(text: str | None) -> tuple[float, str] | None:
     return (float(match[1]), match[2].lower()) if match else None
 
 
-def _pixels(text: str | None, units: Collection[str]) -> float | None:
+def pixels_of(text: str | None, units: Collection[str] = PX) -> float | None:
     """Length in px, if it is above 0 and in one of the units."""
     value, unit = _measure(text) or (0.0, "")
     return value * PX[unit] if unit in units and 0 < value < np.inf else None
