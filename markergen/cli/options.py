@@ -126,17 +126,22 @@ class GroupedCommand(TyperCommand):
                 getattr(error, "option_name", "").lstrip("-"),
                 {str(param.name) for param in self.get_params(ctx)},
             )
+            lacking = getattr(getattr(error, "param", None), "name", None)
             spec = next((word for word in arguments if word.endswith(".toml") and f"({word})" in error.message), None)
+            body = next((word for word in arguments if word.endswith(".json")), "marker.json")
             # The shell splits "50 mm".
             pairs = (pair for pair in pairwise(arguments) if pair[1] in METERS)
             length = next((pair for pair in pairs if f"({pair[1]})" in error.message), None)
-            answer = (
-                f"a spec goes with --template {spec}"
-                if spec and "template" in names
-                else f"write {''.join(length)}, without a space"
-                if length
-                else guess(name, names)
-            )
+            if spec and "template" in names:
+                answer = f"a spec goes with --template {spec}"
+            elif length:
+                answer = f"write {''.join(length)}, without a space"
+            elif lacking == "marker" and "images" in names:
+                error.message, answer = f"Write --marker {body}", ""
+            elif name == "marker" and name in names:
+                answer = f"{body} comes first, without --marker"
+            else:
+                answer = guess(name, names)
             if answer:
                 error.possibilities, error.message = None, f"{error.message.rstrip('.')}; {answer}"
             elif possibilities := getattr(error, "possibilities", None):

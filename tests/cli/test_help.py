@@ -63,6 +63,8 @@ def test_every_command_has_an_example(name, capsys):
         ("design --raduis 80mm", "(Possible options: --radius);"),
         ("design desk.toml", "a spec goes with --template desk.toml"),
         ("design --radius 50 mm", "write 50mm, without a space;"),
+        ("detect m.json a.png", "Missing option '--marker'. Write --marker m.json; see markergen detect --help"),
+        ("calibrate a.png --marker m.json", "m.json comes first, without --marker; see"),
         ("rig cube --sides 6", "No such option: --sides; see"),
     ],
 )
