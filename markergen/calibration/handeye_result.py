@@ -209,9 +209,11 @@ class HandEye(SavableResult):
 
     def _scale_sentence(self) -> str:
         off, sigma = self.scale - 1, self.scale * float(self.sigma[12])
-        verdict = "as marker.json has it"
+        verdict = "the marker's size is right"
         if abs(off) > DIFFERENT * sigma:
-            verdict = f"the print is {100 * abs(off):.2g} % {'larger' if off > 0 else 'smaller'} than in marker.json"
+            verdict = (
+                f"the print is {100 * abs(off):.2g} % {'larger' if off > 0 else 'smaller'} than the marker's file says"
+            )
         return f"1 m of the marker is {self.scale:.5f} m by the robot, known to {number(sigma, 2)}: {verdict}."
 
     def parts(self) -> list[str | Table]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from markergen.comparison.contestants import KINDS, Arena, Contestant, forms
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import TagBody
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported
@@ -110,7 +110,7 @@ def _rig_line_up(
 def _read(text: str) -> Marker | Rig:
     path = Path(text)
     if path.suffix.lower() != ".json" and not path.exists():
-        raise InputError("a known contestant", repr(text), f"known: {forms()}")
+        raise InputError("a known contestant", repr(text), among(text, [*KINDS, *DEFAULTS], [forms()]))
     return load_marker_or_rig(path)
 
 

@@ -169,8 +169,8 @@ def compensated_note(figure: Figure) -> tuple[str, ...]:
         return ()
     factors = " and ".join(f"{value:.6g} along {name}" for name, value in zip("xy", figure.factor, strict=True))
     return (
-        f"Everything is drawn {factors} times as large, for the printer that was measured: from it the marker comes "
-        "out as designed, so use it with the marker.json that was not rescaled.",
+        f"Everything is drawn scaled by {factors}, for the printer that was measured: from it the marker comes out as "
+        "designed, so use it with the marker.json that was not rescaled.",
     )
 
 

@@ -286,8 +286,8 @@ def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int
 
 
 def _prose(column: Sequence[str]) -> bool:
-    """Whether most cells of a column are words rather than numbers."""
-    return 2 * sum(cell[:1].isalpha() and " " in cell for cell in column) > len(column)
+    """Whether most cells of a column that are not empty are words rather than numbers."""
+    return 2 * sum(cell[:1].isalpha() and " " in cell for cell in column) > sum(map(bool, column))
 
 
 def _total(widths: Sequence[int]) -> int:

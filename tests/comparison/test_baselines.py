@@ -182,6 +182,7 @@ def test_the_same_named_twice_takes_part_once(marker):
     ("text", "said"),
     [
         ("hexagon", "expected a known contestant, found 'hexagon'; known: MARKER.json, ngon:N"),
+        ("arcuo", "did you mean 'aruco'? Known: MARKER.json, ngon:N"),
         ("edges:aruco:DICT_9X9", "a known family"),
         ("pupil:36h12", "16h5, 25h9, 36h11"),
         ("pupil", "16h5, 25h9, 36h11"),

@@ -397,7 +397,7 @@ def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, mark
     plain = pages_for([measured], SheetOptions("A4"))
     assert plain == pages_for([designed], SheetOptions("A4"))
     sheets = pages_for([measured], SheetOptions("A4", compensate=True))
-    assert "1.00705 along x and 1.00452 along y" in " ".join(sheets[0].notes)
+    assert "scaled by 1.00705 along x and 1.00452 along y" in " ".join(sheets[0].notes)
     count = 0
     for sheet in (sheet for sheet in sheets if sheet.origins_mm):
         for dot in sheet.scene["dots"]:

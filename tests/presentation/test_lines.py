@@ -40,7 +40,7 @@ def test_a_number_keeps_its_unit():
 
 
 def test_words_stand_left_and_numbers_right():
-    rows = [["a", "some words", "1"], ["b", "others here", "22"]]
+    rows = [["a", "some words", "1"], ["b", "others here", "22"], ["c", "", "3"], ["d", "", "4"]]
     lines = table_lines(["x", "text", "number"], rows, 60)
     assert lines[2].index("some") == lines[3].index("others")
     assert lines[2].endswith(" 1")
