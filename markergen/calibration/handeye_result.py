@@ -189,13 +189,18 @@ class HandEye(SavableResult):
         """See `Result.brief`."""
         (X, Z), sigma = self.names, self.sigma
         rotation, translation = np.rad2deg(self.robot_sigma[0]), 1e3 * self.robot_sigma[1]
+        # The usual errors of robots keep an estimate up that is larger than what is left of the poses.
+        turned, moved = (
+            "at most " if np.sqrt(np.mean(left**2)) < np.sqrt(3) * estimate else ""
+            for left, estimate in zip(self._lengths(self.left_out), (rotation, translation), strict=True)
+        )
         adjustment = self.fit.adjustment
         sentences = [
             _pose_sentence(X, self.camera_pose, sigma[:6]),
             _pose_sentence(Z, self.marker_pose, sigma[6:12]),
             self._scale_sentence(),
             f"{len(self.photos)} photographs, residuals {adjustment.rms:.3f} px RMS; the robot's poses are off by "
-            f"{number(translation, 2)} mm and {number(rotation, 2)} deg along each axis.",
+            f"{moved}{number(translation, 2)} mm and {turned}{number(rotation, 2)} deg along each axis.",
             f"A left-out pose is predicted to {self._left_out()}.",
         ]
         if self.robot_sigma[0] > IMPLAUSIBLE[0] or self.robot_sigma[1] > IMPLAUSIBLE[1]:
