@@ -50,7 +50,7 @@ DOMINANT = 0.9
 """Share of the variance above which improving any other source gains less than 5 % of the error."""
 ENOUGH = 20
 """Number of views whose RMS is a measurement, good to a tenth or so; that of three may be off by a quarter."""
-_UNITS = ("px", "grey", "deg")
+_UNITS = ("px", "grey", "deg", "mm", "nm")
 
 
 def plan_sentences(results: Mapping[str, Any]) -> list[str]:
@@ -234,7 +234,11 @@ def image_sentences(views: Mapping[str, Any]) -> list[str]:
             f"The truth lies inside the detector's own 95 % region in {100 * nees['coverage']:.3g} % of "
             f"{nees['count']} views; the 99 % interval of that share is {low:.3g} to {high:.3g} %."
         )
-    optics = [_with_unit(key, value) for key, value in (views.get("optics") or {}).items() if value]
+    used = dict(views.get("optics") or {})
+    if not used.get("aperture_mm"):
+        # A pinhole has neither.
+        used = {key: value for key, value in used.items() if key not in ("focus", "wavelength_nm")}
+    optics = [_with_unit(key, value) for key, value in used.items() if value]
     if optics:
         sentences.append(f"Optics: {', '.join(optics)}.")
     return sentences

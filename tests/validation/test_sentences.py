@@ -73,3 +73,12 @@ def test_poses_that_are_left_out_are_counted_where_they_are_most(monkeypatch):
     assert more == "More."
     results["poses"]["dropped"] = 60
     assert sentences.plan_sentences(results) == ["Plan.", "More."]
+
+
+@pytest.mark.parametrize(
+    ("aperture", "words"),
+    [(0.0, "Optics: blur 0.7 px."), (2.0, "Optics: blur 0.7 px, aperture 2 mm, focus 1, wavelength 550 nm.")],
+)
+def test_optics_are_those_that_act(aperture, words):
+    optics = {"blur_px": 0.7, "motion_px": 0.0, "aperture_mm": aperture, "focus": 1.0, "wavelength_nm": 550.0}
+    assert sentences.image_sentences({"detected": 1, "count": 1, "wrong": 0, "optics": optics})[-1] == words
