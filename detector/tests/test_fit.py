@@ -54,6 +54,19 @@ def test_centers_are_within_their_covariance(rng, semi, hole, optics, most):
     assert 1.4 - 4 / np.sqrt(len(square)) < square.mean() < 2.6 + 8 / np.sqrt(len(square))
 
 
+@pytest.mark.parametrize(("side", "state"), [(1.0, REFUSED), (4.0, FITTED)])
+def test_a_dot_may_be_as_far_from_its_rough_place_as_pixels_were_wide(rng, side, state):
+    image = drawn(SHAPE, grid(rng, 30.0, SHAPE), rng)
+    blobs = find_blobs(image)
+    best = fit_blobs(image, blobs)
+    blobs["center"] += [1.5, -1.0]
+    blobs["side"] = side
+    again = fit_blobs(image, blobs)
+    assert (again["state"] == state).all()
+    if state == FITTED:
+        assert_allclose(again["center"], best["center"], atol=0.002)
+
+
 def test_sizes_levels_and_blur_are_those_drawn(rng):
     dots, blobs = fitted(grid(rng, 10.0, SHAPE), rng, noise=0.5)
     assert_allclose(blobs["semi"], dots[:, 2:4], atol=0.03)
