@@ -487,8 +487,9 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     left = len(poses) - len(served)
     account = Account(
         f"{len(marker)} control points in a {marker.boundary}: dots in {len(scales)} sizes, {sizes}",
-        f"{left} poses see four dots of no size" if left else "",
+        f"{left} {'pose sees' if left == 1 else 'poses see'} four dots of no size" if left else "",
         plan,
+        "",
         f"{len(marker)} control points of {len(scales)} sizes in a {marker.boundary}, "
         f"seen from {len(served)} poses ({poses_in_words(poses.name)})\n"
         f"objective {goal}, seed {spec.seed}, spec {marker.spec_hash}\n" + "\n".join(_sentences(scales, labels)),

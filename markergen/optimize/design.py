@@ -117,6 +117,8 @@ class Account:
     unserved : str
         How many poses see too little of it, in words; empty if none.
     plan : PlannedError
+    assumed : str
+        What else the plan takes as exact, in a line; may be empty.
     summary : str
     table : Table
         Expected errors.
@@ -130,6 +132,7 @@ class Account:
     title: str
     unserved: str
     plan: PlannedError
+    assumed: str
     summary: str
     table: Table
     warnings: tuple[str, ...]
@@ -255,7 +258,7 @@ class Design(Result):
         """See `Result.parts`: summary, tables of criteria or expected errors, time and memory."""
         if self.account:
             duration = f"found in {self.seconds:.1f} s"
-            first = self.account.summary, self.account.plan.sentence
+            first = filter(None, (self.account.summary, self.account.plan.sentence, self.account.assumed))
             return [*first, self._bound, *self._interruption, self.account.table, duration]
         noise, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), noise)]
@@ -279,7 +282,8 @@ class Design(Result):
             keyed = "" if self.spec.asymmetric else ", dot 0 is the key ring"
             size = f"dots of {format_length(dots.diameter)}{keyed}" if dots.diameter else "bare points"
             title = f"{len(self.marker)} control points in a {self.marker.boundary}: {size}"
-            unseen = f"{poses.dropped} poses do not see the whole marker" if poses.dropped else ""
+            see = "pose does" if poses.dropped == 1 else "poses do"
+            unseen = f"{poses.dropped} {see} not see the whole marker" if poses.dropped else ""
         view_deg = np.rad2deg(camera.fields_of_view["horizontal"])
         near, far = poses.distance.min(), poses.distance.max()
         lines = [
@@ -288,10 +292,11 @@ class Design(Result):
             + " to ".join(dict.fromkeys(f"{distance:.2g}" for distance in (near, far)))
             + f" m{f'; {unseen}' if unseen else ''}{yours}",
         ]
+        assumed = self.account.assumed if self.account else ""
         return [
             *lines,
             *([self.plan.sentence] if self.plan else []),
-            *filter(None, [self._kept_apart.strip(), self._gaps.strip(), self.outlook]),
+            *filter(None, [assumed, self._kept_apart.strip(), self._gaps.strip(), self.outlook]),
             *self._interruption,
         ]
 

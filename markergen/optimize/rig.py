@@ -100,6 +100,8 @@ APART_PX = 2.4
 HUGE = 5.0
 """Width of a plate in m from which on its unit is doubted: poses by default follow the size, and show nothing odd."""
 
+RELATION = "the relation of the plates is taken as exact, too; markergen calibrate measures it"
+
 ATTEMPTS, FARTHER = 4, 1.5
 """Number of layouts tried for a plate that is not safe enough, and factor of the affine distance from one to the next:
 from close up, perspective makes up for differences that no affine map does."""
@@ -378,7 +380,8 @@ def _account(
     # Median and RMS of the rotation in degrees, then of the translation in m.
     expected = np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
     blind = int(np.isinf(joint[0]).sum())
-    unserved = f"{blind} poses show no plate well enough to find it" if blind else ""
+    shown = "pose shows" if blind == 1 else "poses show"
+    unserved = f"{blind} {shown} no plate well enough to find it" if blind else ""
     rotation, translation = float(expected[0, 1]), 1e3 * float(expected[0, 3])
     farthest = float(poses.distance[np.isfinite(joint[0])].max(initial=0.0))
     # Of the image noise and the print alone, as in the table.
@@ -422,7 +425,7 @@ def _account(
     table = Table(f"Expected error for {stored['noise']}", header, rows)
     warnings = (*((huge,) if widest > HUGE else ()), *((apart,) if safety.undecided > RARELY else ()))
     title += f" of {' and '.join(map(format_length, sizes))}"
-    return Account(title, unserved, plan, summary, table, warnings, certify, results)
+    return Account(title, unserved, plan, RELATION, summary, table, warnings, certify, results)
 
 
 def _sized(

@@ -22,7 +22,7 @@ def test_by_rulers(here, capsys):
     said = capsys.readouterr().out
     assert said.startswith("wrote printed.json")
     assert "99.3 %" in said
-    assert "taken for --nominal-x 200mm and --nominal-y 200mm" in said
+    assert "This assumes --nominal-x 200mm and --nominal-y 200mm" in said
     assert read_marker(here / "printed.json").print_scale == pytest.approx((0.993, 0.9955))
     # The same file may be the output.
     assert (

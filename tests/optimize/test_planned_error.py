@@ -42,6 +42,7 @@ def test_a_rig_has_that_of_its_validation():
     farthest = float(rig.poses.distance.max())
     plan = PlannedError(headline["rotation_deg"], headline["translation_mm"], farthest, exact="scale and calibration")
     assert plan.sentence in rig.brief()
+    assert "relation of the plates" in rig.brief()[3]
     assert rig.brief()[0].startswith("pair: 2 plates (left, right) with 8 dots of ")
 
 
