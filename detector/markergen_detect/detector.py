@@ -16,13 +16,12 @@ from markergen_detect.verdict import Verdict, read_verdict
 
 Array = NDArray[np.float64]
 
-MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 30_000
+MOST_COPIES, MOST_BLOBS, MOST_STEPS = 32, 4096, 48_000
 """Largest numbers of copies of a body, of blobs that are looked at, and of steps of a search for a body.
 
-In 690 mixed views of one to three bodies, 1,000,000 steps find no more. Beside 40 like dots of another marker, 2 of 360
-markers of 5 to 12 dots are missed with these, 19 with 15,000, none with 60,000; with those, keyboards take six times as
-long as a photograph with the marker, with these four. Of seven bodies, six of them in view, 217 of 240 are found with
-these and with 240,000 for each, 208 with 15,000.
+In 690 mixed views of one to three bodies, 1,000,000 steps find no more, and of 613 steep, covered, crowded or tiny
+markers 3 more; 30,000 find 7 fewer of these, and miss 2 of 360 markers of 5 to 12 dots beside 40 like dots of another
+one, 15,000 miss 19. Keyboards take 4.5 times as long as a photograph with the marker, with 30,000 four times.
 """
 LARGEST_IMAGE = 2**28
 """Largest number of pixels."""

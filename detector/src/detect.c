@@ -380,9 +380,11 @@ static Pose exchanged(const Pose *plate, const Pose *other, const Pose *seen)
 /* Whether the mirrored image of a layout is there; pool is one for it. */
 static int is_mirrored(Frame *frame, const Layout *layout, Pool *pool)
 {
+    /* Most images are of something else, and a mirrored body is in plain sight. */
+    const Budget budget = {frame->budget.steps / 3, late, frame->budget.until};
     pool->count = 0;
     mirror_scene(&frame->scene);
-    search(&frame->scene, layout, &frame->budget, 0, &frame->work, pool);
+    search(&frame->scene, layout, &budget, 0, &frame->work, pool);
     mirror_scene(&frame->scene);
     return best_of(pool)->evidence > SURE + 10;
 }

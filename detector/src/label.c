@@ -12,10 +12,10 @@
 
 /* Tolerated error of a semi-axis of a rough ellipse: a share of it, without a camera, whose perspective is then a guess, and with
    one; and px over the smaller semi-axis, where outlines of small dots are blurred most. The same of where a guess has a near
-   dot, as a share of its distance, and px; of two sizes' ratio, in units of it; and the ratio of areas. With a camera, shares of
-   0.02 to 0.2 find the same in 560 views of dots of 5 to 40 px; beside 40 dots of another marker, 10 of 360 are missed with 0.1,
-   since the search is cut, 2 with this. */
-static const double SLACK[] = {0.2, 0.05}, SLACK_PX = 0.4, DRIFT_PX = 1.5, GROWTH = 0.75, ALIKE = 2.2255;
+   dot, as a share of its distance: first as much, then DRIFT, without which 3 of 613 covered or tiny markers are missed, and px; of
+   two sizes' ratio, in units of it; and the ratio of areas. With a camera, shares of 0.02 to 0.2 find the same in 560 views of dots
+   of 5 to 40 px; beside 40 dots of another marker, 10 of 360 are missed with 0.1, since the search is cut, 2 with this. */
+static const double SLACK[] = {0.2, 0.05}, SLACK_PX = 0.4, DRIFT = 0.2, DRIFT_PX = 1.5, GROWTH = 0.75, ALIKE = 2.2255;
 
 /* Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring. */
 static const double DOUBTFUL = 0.25;
@@ -1063,7 +1063,8 @@ static void add_guess(Work *work, const Guess *guess)
 /* Poses guessed from blob `i`, which work->position and work->normal are of, as the first and `j` as the second of a pair of dots:
    the outline of the first gives the plane, twice, up to the rotation about its normal; the ray through the second meets that
    plane where its dot is. */
-static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, int64_t least, Work *work)
+static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, int64_t i, int64_t j, double drift, int64_t least,
+                       Work *work)
 {
     const Constellation *part = layout->constellations + which;
     const Pose to_body = inverse_of(layout->plates + part->plate);
@@ -1133,7 +1134,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
                     continue;
                 /* How close the nearest blob is: 1 at the place, 0 beyond the gate, less by the square of the distance. */
                 const double per = 1 / pz, at[2] = {f * px * per, f * py * per};
-                const double gate = f * first->slack * sqrt(dx * dx + dy * dy + dz * dz) * per + DRIFT_PX / scene->px;
+                const double gate = f * drift * sqrt(dx * dx + dy * dy + dz * dz) * per + DRIFT_PX / scene->px;
                 double away_from;
                 nearest_blob(scene, NULL, at, gate, 0, gate, radius * radius * facing * per * per * per, ALIKE, &away_from);
                 const double close = 1 - away_from;
@@ -1260,6 +1261,7 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
         const Constellation *part = layout->constellations + c;
         const int64_t near = part->near_count, usual = near / 2 > 2 ? near / 2 : 2 < near ? 2 : near;
         const int64_t least = strong ? near - near / 4 : usual;
+        const double drift = strong || !scene->calibrated ? scene->shown[i].slack : DRIFT;
         if (!part->pair_count)
             continue;
         const int64_t most = ring ? RINGED_BLOBS : strong || part->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
@@ -1272,7 +1274,7 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
             if (i >= fresh || work->near[q].blob >= fresh) {
                 if (!posed++)
                     circle_poses(scene->blobs + i, scene->focal, work->position, work->normal);
-                guess_pair(scene, layout, c, i, work->near[q].blob, least, work);
+                guess_pair(scene, layout, c, i, work->near[q].blob, drift, least, work);
             }
     }
 }
