@@ -147,7 +147,8 @@ class Finding(NamedTuple):
         lines = {
             "few": f"found {facts['blobs']} dots in the image, at least 4 are needed",
             "unfit": "no labeling fits"
-            + f": the best has {count} dots, and {facts['missing']} more should be seen" * (count > 0),
+            + f": the best has {count} dots" * (count > 0)
+            + f", and {facts['missing']} more should be seen" * (count > 0 and facts["missing"] > 0),
             "unsure": f"the best labeling, of {count} dots, might be an accident",
             "ambiguous": "labels are ambiguous: another labeling of the same dots is about as likely",
             "claimed": "another body fits the same dots about as well",

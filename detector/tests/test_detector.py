@@ -79,11 +79,15 @@ def test_nothing_in_view_has_a_reason():
 
 
 @pytest.mark.parametrize(
-    ("count", "reason"),
-    [(0, "no labeling fits"), (4, "no labeling fits: the best has 4 dots, and 1 more should be seen")],
+    ("count", "missing", "reason"),
+    [
+        (0, 0, "no labeling fits"),
+        (5, 0, "no labeling fits: the best has 5 dots"),
+        (4, 1, "no labeling fits: the best has 4 dots, and 1 more should be seen"),
+    ],
 )
-def test_without_any_labeling_there_is_no_best_one(count, reason):
-    facts = {"count": count, "missing": int(count > 0), "blobs": 7, "cut": False}
+def test_without_any_labeling_there_is_no_best_one(count, missing, reason):
+    facts = {"count": count, "missing": missing, "blobs": 7, "cut": False}
     assert Finding(False, "unfit", facts, 0, "board").reason == reason
 
 
