@@ -70,6 +70,7 @@ def test_refining_a_forecast_makes_it_no_worse_and_keeps_it_feasible(known, fore
     assert FeasibleRegion(DISK, after.diameter, after.diameter / 10, after.gap).holds(after.points[None])[0]
 
 
+@pytest.mark.long
 def test_refined_forecasts_fall_with_the_number_of_dots(known, forecaster):
     """Polishing closes the last tenths of nanometers of jammed layouts; given up, they are up to 7 % worse."""
     values = [forecaster.refined(known[n]).value for n in (52, 58, 64, 70, 76)]

@@ -46,6 +46,7 @@ def test_a_rig_has_that_of_its_validation():
     assert rig.brief()[0].startswith("pair: 2 plates (left, right) with 8 dots of ")
 
 
+@pytest.mark.long
 def test_dots_of_several_sizes_have_that_of_their_validation():
     pad = design(n="auto", radius="0.2m", poses="cone:distance=0.15..1.5m,tilt=0..30,count=24", restarts=1)
     assert len(pad.covered.scales) > 1

@@ -194,6 +194,7 @@ def test_every_marker_is_found_on_its_page(tmp_path):
     assert re.fullmatch(r"plate \d/\d", json.loads(path.read_text())[0]["worst_dot"])
 
 
+@pytest.mark.long
 def test_plates_that_differ_in_their_outlines_alone_are_on_pages_of_their_own(tmp_path):
     prism = rig_of("prism:8", edge=0.05, height=0.05)
     assert not said_of(prism, *written(prism, tmp_path, ".pdf"))
