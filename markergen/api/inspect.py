@@ -14,8 +14,8 @@ from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.geometry.contour import Contour, area, box
 from markergen.geometry.outlines import polygons_of
-from markergen.geometry.region import enclosing_circle
 from markergen.model.body_json import load_marker_or_rig
+from markergen.model.boundary import middle_of
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig_shapes import corners
@@ -333,7 +333,7 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
     outer = sum(area(contour) > 0 for contour in contours)
     sides = [side for contour in contours for side in contour.sides]
     arcs, total = sum(1 for side in sides if side[2]), sum(map(area, contours))
-    center = enclosing_circle(np.concatenate(polygons_of(contours)))[0].tolist()
+    center = middle_of(contours).tolist()
     values = {
         "format": form,
         "unit_mm": scale * 1e3,

@@ -122,10 +122,8 @@ class GroupedCommand(TyperCommand):
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter.__base__ as error:  # type: ignore[misc]
-            name, names = (
-                getattr(error, "option_name", "").lstrip("-"),
-                {str(param.name) for param in self.get_params(ctx)},
-            )
+            name = getattr(error, "option_name", "").lstrip("-")
+            names = {str(param.name) for param in self.get_params(ctx)}
             lacking = getattr(getattr(error, "param", None), "name", None)
             spec = next((word for word in arguments if word.endswith(".toml") and f"({word})" in error.message), None)
             body = next((word for word in arguments if word.endswith(".json")), "marker.json")

@@ -428,9 +428,14 @@ def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") ->
     corners = [outline.points if isinstance(outline, Contour) else outline for outline in outlines]
     bulges = [outline.bulges if isinstance(outline, Contour) else () for outline in outlines]
     contours = canonical_contours(corners, bulges)
-    center = enclosing_circle(np.concatenate(polygons_of(contours)))[0] if origin == "center" else np.zeros(2)
+    center = middle_of(contours) if origin == "center" else np.zeros(2)
     moved = [placed(contour, 1.0, center, 12) for contour in contours]
     return Polygon(tuple(contour.points for contour in moved), tuple(contour.bulges for contour in moved))
+
+
+def middle_of(contours: Sequence[Contour]) -> Array:
+    """Center (2,) of the smallest circle around a drawing, where a marker's origin comes to lie."""
+    return enclosing_circle(np.concatenate(polygons_of(contours)))[0]
 
 
 def filled_outline(contour: Contour) -> Boundary:

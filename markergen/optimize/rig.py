@@ -380,8 +380,9 @@ def _account(
     # Median and RMS of the rotation in degrees, then of the translation in m.
     expected = np.stack([np.median(both, axis=-1), np.sqrt(np.mean(both**2, axis=-1))], axis=-1).reshape(2, 4)
     blind = int(np.isinf(joint[0]).sum())
-    shown = "pose shows" if blind == 1 else "poses show"
-    unserved = f"{blind} {shown} no plate well enough to find it" if blind else ""
+    unserved = (
+        f"{blind} {'pose shows' if blind == 1 else 'poses show'} no plate well enough to find it" if blind else ""
+    )
     rotation, translation = float(expected[0, 1]), 1e3 * float(expected[0, 3])
     farthest = float(poses.distance[np.isfinite(joint[0])].max(initial=0.0))
     # Of the image noise and the print alone, as in the table.

@@ -136,8 +136,8 @@ def test_directions_are_open_where_their_sigma_is_large_and_a_zero_has_no_sign()
     assert not [sentence for sentence in result.brief() if "-0.000" in sentence]
     # As large as the poses are off, or larger than these show.
     assert "off by at most 1.0 mm and at most 0.057 deg" in " ".join(result.brief())
-    shown = HandEye(HandEyeFit(robot, adjustment, covariance, np.full((1, 6), 1.1e-3)), (), (), {})
-    assert "off by 1.0 mm and 0.057 deg" in " ".join(shown.brief())
+    result = HandEye(HandEyeFit(robot, adjustment, covariance, np.full((1, 6), 1.1e-3)), (), (), {})
+    assert "off by 1.0 mm and 0.057 deg" in " ".join(result.brief())
     assert not result.open
     covariance[9:12, 9:12] += 0.3**2 * np.outer([0, 0.6, -0.8], [0, 0.6, -0.8])
     covariance[0, 0] = np.deg2rad(5) ** 2

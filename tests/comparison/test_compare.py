@@ -192,7 +192,7 @@ def test_each_peer_has_the_best_of_its_settings(results):
     # A first setting that finds little may well be more accurate in that.
     for row, peer in zip(table.rows[1:], peers, strict=True):
         assert row[2] == percent(peer["tuning"][0]["rate"])
-        assert row[4] in {percent(each["rate"]) for each in peer["tuning"]}
+        assert row[4] in {percent(trial["rate"]) for trial in peer["tuning"]}
 
 
 def test_a_forecast_is_announced_before_the_stages_and_each_contestant_when_it_is_finished(timed):

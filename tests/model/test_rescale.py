@@ -49,7 +49,7 @@ def test_shorter_rulers(pentagon):
     found, said = rescale_body(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
     assert found.print_scale == pytest.approx((0.995, 0.151 / 0.15))
     assert said[0].endswith("x 99.5 mm of 100 mm, y 151 mm of 150 mm.")
-    assert not any("This assumes" in each for each in said)
+    assert not any("This assumes" in sentence for sentence in said)
 
 
 @given(st.sampled_from(RULERS_MM), st.sampled_from(RULERS_MM), st.floats(0.9501, 1.0499), st.floats(0.9501, 1.0499))

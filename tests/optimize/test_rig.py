@@ -122,8 +122,8 @@ def test_a_rig_with_tags():
 
 
 def test_a_plate_in_meters_that_were_millimeters_is_doubted():
-    found = mg.rig("pair", plate=100, n=4, restarts=1, tag="aruco:DICT_4X4_50")
-    assert found.warnings == ("a plate is 140 m across: is the unit another? Write lengths as 80mm",)
+    pair = mg.rig("pair", plate=100, n=4, restarts=1, tag="aruco:DICT_4X4_50")
+    assert pair.warnings == ("a plate is 140 m across: is the unit another? Write lengths as 80mm",)
 
 
 @pytest.mark.long

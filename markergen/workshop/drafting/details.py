@@ -107,6 +107,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
 def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     """Draw the back at the largest scale that suits a column of the given width and height, mm."""
     left, bottom, right, top = around(work.back)
+    # The title needs the rest of the height.
     room = min(0.92 * height, width)
     # Half a millimeter on each side for line widths.
     scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
