@@ -25,7 +25,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.rig import planned_print
 from markergen.model.spec import check_scale
-from markergen.options import Progress, as_list, check_progress, settle, signature_of
+from markergen.options import Progress, as_list, check_progress, settle, takes
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.images import find_images
@@ -38,6 +38,7 @@ _NAMED = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)")
 _LENGTH = re.compile(r"(?:(\d+):)?(\d+)-(\d+)=([^+±]+?)(?:(?:\+-|±)(.+))?")
 
 
+@takes(CalibrateKeywords)
 def calibrate(
     marker: TargetLike,
     photos: Any,
@@ -251,6 +252,3 @@ def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
             else "check the dots' numbers and the unit",
         )
     return Length(before + ids.index(int(first)), before + ids.index(int(second)), measured, spread)
-
-
-calibrate.__signature__ = signature_of(calibrate, CalibrateKeywords)  # type: ignore[attr-defined]

@@ -16,7 +16,7 @@ from markergen.errors import InputError, brief
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.options import Progress, check_progress, settle, signature_of
+from markergen.options import Progress, check_progress, settle, takes
 from markergen.options.compare import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.read.poses import poses_as_stated
@@ -24,6 +24,7 @@ from markergen.read.poses import poses_as_stated
 _log = logging.getLogger(__name__)
 
 
+@takes(CompareKeywords)
 def compare(
     *contestants: TargetLike,
     save: Files = (),
@@ -94,9 +95,6 @@ def compare(
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)
     return Comparison(results, written, cpu_s)
-
-
-compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
 
 
 def _protocol(settled: Mapping[str, Any]) -> bool:

@@ -38,7 +38,7 @@ from markergen.optimize.ending import current_limit, limited
 from markergen.optimize.rig import design_rig
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import Progress, Watch, check_progress, given, read_as, signature_of
+from markergen.options import Progress, Watch, check_progress, given, read_as, takes
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
@@ -79,6 +79,7 @@ SHARED = (
 """Options of a rig that are also those of a design, with the same meaning."""
 
 
+@takes(DesignKeywords)
 def design(
     *,
     progress: Progress | None = None,
@@ -126,9 +127,7 @@ def design(
     return _fulfilled(request_of(options), json, progress, watch)
 
 
-design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
-
-
+@takes(RigKeywords)
 def rig(
     shape: str = "",
     *,
@@ -176,9 +175,6 @@ def rig(
     """
     check_progress(progress)
     return _fulfilled(rig_request_of(shape, options), json, progress)
-
-
-rig.__signature__ = signature_of(rig, RigKeywords)  # type: ignore[attr-defined]
 
 
 def _fulfilled(request: "Request", json: File | None, progress: Progress | None, watch: Watch | None = None) -> Design:

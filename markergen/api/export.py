@@ -22,7 +22,7 @@ from markergen.model.marker import Marker, check_supported
 from markergen.model.openings import check_edge, check_holes, near_holes
 from markergen.model.rig import Rig
 from markergen.model.substrate import parse_dowel, parse_mount
-from markergen.options import as_list, declared, given, read_as, signature_of
+from markergen.options import as_list, declared, given, read_as, takes
 from markergen.options.declarations import ExportKeywords
 from markergen.options.kinds import File, MarkerLike
 from markergen.options.shared import PlateKeywords
@@ -36,6 +36,7 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
         "material", "general_tolerance", "datum", "hole")  # fmt: skip
 
 
+@takes(ExportKeywords)
 def export(
     marker: "MarkerLike | Rig | Iterable[MarkerLike]",
     *paths: str | PathLike[str],
@@ -103,9 +104,6 @@ def export(
         log.warning("%s", warning)
     write_all({path: Files(written).to_json() for path in results})
     return [*written, *map(Written, results)]
-
-
-export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
 
 
 def to_cadquery(body: Marker | Rig, **options: Unpack[ExportKeywords]) -> Any:

@@ -13,13 +13,14 @@ from markergen.calibration.handeye_result import MOUNTINGS, HandEye, solve
 from markergen.calibration.network import Pose
 from markergen.errors import InputError
 from markergen.model.rig import planned_print
-from markergen.options import Progress, as_list, check_progress, settle, signature_of
+from markergen.options import Progress, as_list, check_progress, settle, takes
 from markergen.options.handeye import HandeyeKeywords
 from markergen.options.kinds import CameraLike, File, Files, MarkerLike
 from markergen.read.images import find_images
 from markergen.read.robot_poses import RobotConvention, robot_poses
 
 
+@takes(HandeyeKeywords)
 def handeye(
     marker: MarkerLike,
     photos: Any,
@@ -103,9 +104,6 @@ def handeye(
     on_hand, prior = settled["mounting"] == MOUNTINGS[0], Known(taken, covariance, print_sigma=sigma)
     result = solve(design, sources, flange, on_hand, settled["one_axis"], prior, settled["workers"], progress)
     return result.saved(targets)
-
-
-handeye.__signature__ = signature_of(handeye, HandeyeKeywords)  # type: ignore[attr-defined]
 
 
 def _posed(photos: Any, robot: Any, convention: RobotConvention) -> tuple[list[Any], dict[int, Pose]]:

@@ -19,7 +19,7 @@ from markergen.model.boundary import middle_of
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.rig_shapes import corners
-from markergen.options import settle, signature_of
+from markergen.options import settle, takes
 from markergen.options.inspection import InspectKeywords
 from markergen.options.kinds import File, Files
 from markergen.presentation.plots import FAINT, INK, SERIES, axes_of
@@ -122,6 +122,7 @@ class Inspection(SavableResult):
         return f"<Inspection of {self.file}: {', '.join(facts.kind for facts in self.facts)}>"
 
 
+@takes(InspectKeywords)
 def inspect(
     file: File,
     *,
@@ -181,9 +182,6 @@ def inspect(
     write_all(contents | results)
     inspection.written += tuple(map(Written, results))
     return inspection
-
-
-inspect.__signature__ = signature_of(inspect, InspectKeywords)  # type: ignore[attr-defined]
 
 
 def _converted(facts: Sequence[Facts], target: Path) -> bytes:

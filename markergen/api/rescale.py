@@ -13,7 +13,7 @@ from markergen.model.body_json import body_to_json, load_marker_or_rig
 from markergen.model.marker import Marker
 from markergen.model.rescale import Rulers, check_not_exchanged, exchanged, remeasure, rescale_body
 from markergen.model.rig import Rig
-from markergen.options import read_as, settle, signature_of
+from markergen.options import read_as, settle, takes
 from markergen.options.declarations import RescaleKeywords
 from markergen.options.kinds import File, MarkerLike, TargetLike
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
@@ -72,6 +72,7 @@ def rescale(
 ) -> Rescaled[Rig]: ...
 
 
+@takes(RescaleKeywords)
 def rescale(
     marker: TargetLike, output: File | None = None, *, json: File | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled[Any]:
@@ -166,6 +167,3 @@ def _others(texts: Sequence[str], rulers: Rulers) -> dict[str, Rulers]:
             raise InputError("a marker once, with one or two lengths", brief(text), "write '+x=198.6mm,199.1mm'")
         by_name[name] = Rulers(measured[0], measured[1] if measured[1:] else None, rulers.nominal_x, rulers.nominal_y)
     return by_name
-
-
-rescale.__signature__ = signature_of(rescale, RescaleKeywords)  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from markergen.api.arguments import as_path, files_among
 from markergen.errors import InputError
 from markergen.files import Written, check_outputs, write_all
-from markergen.options import check_progress, given, read_as, signature_of
+from markergen.options import check_progress, given, read_as, takes
 from markergen.options.kinds import File
 from markergen.options.study import StudyKeywords
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
@@ -86,6 +86,7 @@ class Study(Result):
             return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 
 
+@takes(StudyKeywords)
 def study(
     what: str | PathLike[str] | Mapping[str, Any],
     output: str | PathLike[str],
@@ -159,9 +160,6 @@ def study(
     write_all({path: finished.to_json() for path in results})
     finished.written += tuple(map(Written, results))
     return finished
-
-
-study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]
 
 
 def _value(text: str) -> str | float:

@@ -11,7 +11,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.rescale import poor_fit_sentence
 from markergen.model.rig import planned_print
-from markergen.options import Progress, check_progress, settle, signature_of
+from markergen.options import Progress, check_progress, settle, takes
 from markergen.options.declarations import ValidateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
 from markergen.read.cameras import sized
@@ -26,6 +26,7 @@ from markergen.validation.views import SyntheticViews
 _log = logging.getLogger(__name__)
 
 
+@takes(ValidateKeywords)
 def validate(
     marker: TargetLike,
     camera: CameraLike | None = None,
@@ -122,6 +123,3 @@ def validate(
     _log.info("validated in %.1f s", time.perf_counter() - began)
     written = Validation(results, series).write(targets, progress)
     return Validation(results, series, written)
-
-
-validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

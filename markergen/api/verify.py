@@ -6,7 +6,7 @@ from typing import Unpack
 from markergen.api.arguments import files_among, paths_of
 from markergen.api.export import choices_of, with_plates
 from markergen.model.body_json import load_marker_or_rig
-from markergen.options import given, signature_of
+from markergen.options import given, takes
 from markergen.options.declarations import VerifyKeywords
 from markergen.options.kinds import File, Files, TargetLike
 from markergen.units import parse_length
@@ -18,6 +18,7 @@ from markergen.verification.result import Verification
 _log = logging.getLogger(__name__)
 
 
+@takes(VerifyKeywords)
 def verify(
     marker: TargetLike,
     *files: File,
@@ -86,6 +87,3 @@ def verify(
     _log.info("verified: %d of %d are as they should be", sum(check.passed for check in checks), len(checks))
     written = Verification(checks).write(targets)
     return Verification(checks, written)
-
-
-verify.__signature__ = signature_of(verify, VerifyKeywords)  # type: ignore[attr-defined]

@@ -11,10 +11,12 @@ from difflib import get_close_matches
 from functools import cache
 from inspect import Parameter, Signature, formatannotation
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from markergen.errors import InputError, brief
 from markergen.options.kinds import KINDS, Kind
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 Progress = Callable[[str, int, int], None]
 """Progress callback: name of the stage, amount done, total."""
@@ -147,6 +149,16 @@ def signature_of(function: Any, table: type | None = None) -> Signature:
         for name, hint in (get_type_hints(table, include_extras=True) if table else {}).items()
     ]
     return Signature([*parameters, *options], return_annotation=signature(function).return_annotation)
+
+
+def takes(table: type) -> Callable[[F], F]:
+    """Decorate a function whose ``**options`` are those of a table with its `signature_of`."""
+
+    def decorate(function: F) -> F:
+        function.__signature__ = signature_of(function, table)  # type: ignore[attr-defined]
+        return function
+
+    return decorate
 
 
 def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
