@@ -1,7 +1,8 @@
 """Exceptions with one common root; every message says what was expected, what was found, and what to do."""
 
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -58,6 +59,16 @@ class MissingLibraryError(MarkergenError):
     >>> issubclass(mg.MissingLibraryError, mg.MarkergenError)
     True
     """
+
+
+@contextmanager
+def with_place(place: str) -> Iterator[None]:
+    """Add a place, such as ``at K in camera.yaml``, to an error about a value."""
+    try:
+        yield
+    except InputError as error:
+        expected, problem, remedy = error.args
+        raise InputError(f"{expected} {place}", problem, remedy) from None
 
 
 def brief(value: object) -> str:

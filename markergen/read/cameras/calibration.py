@@ -7,14 +7,13 @@ refused with its place in the file.
 # tests: tests/read/test_camera_files.py tests/read/test_cameras.py
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, with_place
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CameraRecord
@@ -237,16 +236,6 @@ def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[floa
     if shape is None and len(data) and 1 not in (rows, columns):
         raise InputError(f"one row or one column at {table.place(key)}", f"{rows} x {columns}", "correct the file")
     return data
-
-
-@contextmanager
-def with_place(place: str) -> Iterator[None]:
-    """Add a place, such as ``at K in camera.yaml``, to an error about a value."""
-    try:
-        yield
-    except InputError as error:
-        expected, problem, remedy = error.args
-        raise InputError(f"{expected} {place}", problem, remedy) from None
 
 
 def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:

@@ -28,11 +28,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, with_place
 from markergen.files import write_atomic
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, CameraFormat, CameraRecord
-from markergen.read.cameras.calibration import calibrated_camera, with_place, without_k3
+from markergen.read.cameras.calibration import calibrated_camera, without_k3
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.cameras.document import (
     KEYS,

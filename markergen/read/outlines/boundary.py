@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, with_place
 from markergen.geometry.contour import Contour, area, backward, mirrored, placed, without_loops
 from markergen.geometry.outlines import TOLERANCE, canonical_contours
 from markergen.guard import read
@@ -112,13 +112,10 @@ def _canonical(rings: list[Contour], source: str) -> tuple[Contour, ...]:
     except InputError as error:
         # Sought only now, since it takes longer.
         mended, places = zip(*(without_loops(ring, SMALLEST_LOOP, SHORTEST_LOOP) for ring in large), strict=True)
-        try:
+        with with_place(f"in {source}"):
             if not any(places):
                 raise error from None
             contours = canonical(list(mended))
-        except InputError as last:
-            expected, problem, remedy = last.args
-            raise InputError(f"{expected} in {source}", problem, remedy) from None
     remark_left_out(source, [(TINY, point) for points in places for point in points])
     return contours
 
