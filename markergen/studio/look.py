@@ -14,6 +14,7 @@ from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
 from markergen.model.boundary import Boundary
 from markergen.model.goal import parse_goal
 from markergen.model.marker import Marker
+from markergen.model.occlusion import eyes_of
 from markergen.model.planned_error import LINEAR_DEG, degrees, millimeters, planned_error_of
 from markergen.model.poses import PoseDistribution, left_out
 from markergen.model.spec import AUTO, Spec
@@ -175,7 +176,7 @@ def look(options: Any) -> dict[str, Any]:
     layout = sketch(state)
     spec, poses, budget = layout.spec, layout.setting.poses, layout.budget
     rotation, translation = budget.rotation_deg, budget.translation
-    centers = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
+    centers = eyes_of(poses)
     variance = np.maximum(rotation["total"] ** 2, np.finfo(float).tiny)
     shares = {"image": "image", "print": "print", "calibration": "camera"}
     return {"options": _with_points(state, spec), "dots": _dots(layout.marker)} | clean(

@@ -15,10 +15,10 @@ from markergen.arrays import Array
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.exporters import EXPORTERS, RECORD
-from markergen.files import Written
 from markergen.model.body_json import load_marker, load_rig
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.occlusion import eyes_of
 from markergen.model.planned_error import degrees, millimeters
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import PoseDistribution
@@ -130,13 +130,9 @@ def exported(request: Mapping[str, Any]) -> File:
             target = folder / f"marker{suffix}"
             written = list(design(**state, output=target).written)
         # A design comes with its record, which is a download of its own.
-        named = [file for file in written if suffix == RECORD or not _is_record(file)]
+        named = [file for file in written if suffix == RECORD or file.path.suffix != RECORD]
         files = [File(file.path.relative_to(folder).as_posix(), file.path.read_bytes()) for file in named]
     return files[0] if len(files) == 1 else _zipped(f"{target.name}.zip", files)
-
-
-def _is_record(file: Written) -> bool:
-    return file.path.suffix == RECORD
 
 
 def _zipped(name: str, files: list[File]) -> File:
@@ -155,7 +151,7 @@ def scene(request: Mapping[str, Any]) -> dict[str, Any]:
     errors, sentence = _errors(what, camera, poses)
     choices = choices_of(given(plain_options(request.get("options") or {}), DesignKeywords))
     glb = EXPORTERS[".glb"](what, choices)
-    x, y, z = np.einsum("pji,pj->ip", poses.rotation, -poses.translation)
+    x, y, z = eyes_of(poses).T
     return {
         "glb": base64.b64encode(glb.data).decode(),
         "poses": {

@@ -18,6 +18,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.objectives.homography import validation_grid
+from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.validation.bounds import budget_of, image_covariance
 from markergen.validation.metrics import (
     POSE_PARAMETERS,
@@ -31,7 +32,13 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.views import SyntheticViews, View, take_views
+from markergen.validation.views import SyntheticViews, View
+
+AT_ONCE = 10
+"""Number of views per chunk of work."""
+
+WORTH_A_WORKER = 60
+"""Number of views below which starting another process does not pay."""
 
 DETECTOR = "detect"
 """Name of the pose that the detection itself reports, from weighted image points, with its covariance."""
@@ -158,11 +165,13 @@ def take_records(
     series: SyntheticViews[Any], workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[Record]:
     """Take all views of a series, distributed over processes; the records do not depend on the number of processes."""
-    return take_views(partial(_record, series), series.count, workers, progress)
+    workers = workers_for(workers, 1 + series.count // WORTH_A_WORKER)
+    parts = map_counted(partial(_records, series), chunks_of(series.count, AT_ONCE), workers, progress)
+    return [taken for part in parts for taken in part]
 
 
-def _record(series: SyntheticViews[Any], k: int) -> Record:
-    return record(series, series.take(k))
+def _records(series: SyntheticViews[Any], indices: Iterable[int]) -> list[Record]:
+    return [record(series, series.take(k)) for k in indices]
 
 
 Summarize = Callable[[SyntheticViews[Any], list[Record]], dict[str, Any]]

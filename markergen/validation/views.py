@@ -1,9 +1,9 @@
 """Synthetic views of markers and rigs, detected like photos and compared with the truth; pictures of some of them."""
 
 import re
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -20,7 +20,6 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.rig import Rig
 from markergen.model.sight import Coverage, coverage
-from markergen.pool import chunks_of, map_counted, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
 from markergen.validation.print_error import misprinted
@@ -36,14 +35,6 @@ FAILURES, WORST, TYPICAL = 6, 3, 3
 
 LABELS_PX = 60
 """Room in px for the numbers and axes that are drawn beside the dots of a picture."""
-
-AT_ONCE = 10
-"""Number of views per chunk of work."""
-WORTH_A_WORKER = 60
-"""Number of views below which starting another process does not pay."""
-
-T = TypeVar("T")
-
 
 B = TypeVar("B", Marker, Rig)
 
@@ -189,19 +180,6 @@ class View:
         if self.wrong:
             return f"wrong label: a dot is {self.error_px.max():.1f} px off"
         return self.detection.reason
-
-
-def take_views(
-    take: Callable[[int], T], count: int, workers: int | None, progress: Callable[[int, int], None] | None
-) -> list[T]:
-    """Take what `take` makes of each view, distributed over processes; it does not depend on their number."""
-    workers = workers_for(workers, 1 + count // WORTH_A_WORKER)
-    parts = map_counted(partial(_chunk, take), chunks_of(count, AT_ONCE), workers, progress)
-    return [taken for part in parts for taken in part]
-
-
-def _chunk(take: Callable[[int], T], indices: Iterable[int]) -> list[T]:
-    return [take(k) for k in indices]
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from markergen.bounds.confusion.evidence import ENOUGH, RARELY, odds
 from markergen.bounds.confusion.rival_fits import RivalFit, Rivals, SeenLayout, seen_layout
 from markergen.defaults import NOISE_PX
 from markergen.model.marker import Marker
+from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.units import two_digits
@@ -297,7 +298,7 @@ def representative(poses: PoseDistribution, count: int) -> Indices:
     Each further pose is the one farthest from all previous ones, in the direction of the camera and the logarithm of
     its distance. A rotation about the line of sight changes nothing and does not count.
     """
-    center = -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
+    center = eyes_of(poses)
     distance = np.linalg.norm(center, axis=-1)
     where = np.concatenate([center / distance[:, None], np.log(distance)[:, None]], axis=-1)
     chosen = [int(np.argmin(poses.cos_tilt / distance))]

@@ -11,6 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.estimators.budget import PoseBudget
 from markergen.model.body import Plate
+from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.pages import dome_figure
 from markergen.presentation.plots import (
@@ -333,7 +334,7 @@ def dome_plots(
         if _seen(normal)[2] > 0:
             turned = circle @ plate.rotation_matrix.T
             faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
-    centers = camera_centers(poses)
+    centers = eyes_of(poses)
     hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]
     every = -(-len(centers) // _MOST_TO_TURN)
     kept = np.union1d(np.arange(0, len(centers), every), hardest) if every > 1 else np.arange(len(centers))
@@ -363,11 +364,6 @@ def dome_plots(
             )
         )
     return figures
-
-
-def camera_centers(poses: PoseDistribution) -> Array:
-    """Centers (P, 3) of the cameras in the marker frame, m: -R' t."""
-    return -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
 
 
 def pose_sphere(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from markergen.model.body import Plate
+from markergen.model.occlusion import eyes_of
 from markergen.model.poses import paper
 from markergen.validation.report import measured
 from markergen.validation.report.measured import carried_over, ranked, sample_pose_errors
 from markergen.validation.report.plots import (
     QUANTILE_95,
     budget_over_tilt,
-    camera_centers,
     compared,
     distribution,
     dome_plots,
@@ -27,7 +27,7 @@ from markergen.validation.report.plots import (
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
-    centers = camera_centers(few.poses)
+    centers = eyes_of(few.poses)
     np.testing.assert_allclose(np.linalg.norm(centers, axis=-1), few.poses.distance)
     np.testing.assert_allclose(centers[:, 2], few.poses.distance * few.poses.cos_tilt, atol=1e-12)
 
@@ -35,14 +35,14 @@ def test_camera_centers_are_where_the_paper_puts_them(few):
 def test_sphere_shows_every_pose_the_worst_on_top(pentagon, few, ax):
     values = np.arange(1.0, len(few.poses) + 1)
     values[3] = np.inf
-    assert pose_sphere([], camera_centers(few.poses), values, "error", ax) is ax
+    assert pose_sphere([], eyes_of(few.poses), values, "error", ax) is ax
     points = ax.collections[0]
     assert len(points.get_offsets()) == len(few.poses) - 1
     np.testing.assert_array_equal(points.get_array(), np.sort(values)[:-1])
 
 
 def test_sphere_of_equal_errors(few, ax):
-    pose_sphere([], camera_centers(few.poses), np.ones(len(few.poses)), "error", ax)
+    pose_sphere([], eyes_of(few.poses), np.ones(len(few.poses)), "error", ax)
     assert len(set(map(tuple, ax.collections[0].get_facecolors()))) <= 1
 
 

@@ -8,10 +8,10 @@ import pytest
 from html_pages import check
 
 from markergen.estimators.budget import ErrorSources
+from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.validation.bounds import budget_of
 from markergen.validation.report import html_report
-from markergen.validation.report.plots import camera_centers
 from markergen.validation.validation import run_validation
 from markergen.validation.views import SyntheticViews
 
@@ -26,7 +26,7 @@ def test_dome_has_every_pose_with_its_errors(html, results, few):
     (div,) = (attributes for attributes in check(html).of("div") if "data-dome" in attributes)
     poses = json.loads(div["data-dome"])["poses"]
     centers = np.column_stack([poses[axis] for axis in "xyz"])
-    np.testing.assert_allclose(centers, camera_centers(few.poses), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(centers, eyes_of(few.poses), rtol=1e-3, atol=1e-4)
     for name, unit in (("rotation", "deg"), ("translation", "mm")):
         np.testing.assert_allclose(poses[name], results["expected"][f"{name}_{unit}"], rtol=1e-3)
 
