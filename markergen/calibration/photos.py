@@ -442,7 +442,8 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera
     views, _ = _views(markers, seen, camera)
     network = Network.of_markers(markers, camera, CameraFreedom.of_names(camera, START), free=False)
     # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
-    spread = views.covariance + _printed(views, camera)
+    sigma_px = SEARCH_SIGMA * camera.fx / views.translation[:, 2]
+    spread = views.covariance + sigma_px[:, None, None, None] ** 2 * np.eye(2)
     try:
         adjusted = adjust_robustly(network, replace(views, covariance=spread)).adjustment
         sigma = np.sqrt(np.diag(adjusted.camera_covariance)) if adjusted.degrees_of_freedom > 0 else [np.inf]
@@ -453,12 +454,6 @@ def _adjusted(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera
     if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5:
         return better, (adjusted.chi2 + OUTLIER * (count - float(adjusted.weights.sum()))) / count
     return camera, np.inf
-
-
-def _printed(views: Views, camera: Camera) -> Array:
-    """Covariance (v, 1, 2, 2) in px^2 of dots that are `SEARCH_SIGMA` off."""
-    sigma = SEARCH_SIGMA * camera.fx / views.translation[:, 2]
-    return np.asarray(sigma[:, None, None, None] ** 2 * np.eye(2))
 
 
 def _views(markers: Sequence[Marker], seen: Sequence[Labeled], camera: Camera) -> tuple[Views, list[int]]:

@@ -374,7 +374,8 @@ def _photos_section(quantities: Quantities) -> Section:
         if not (taken & rows).any():
             continue
         part, lost = taken & rows, rejected & rows
-        factor = residual_factor(residual[part], calibrated.camera.width)
+        length_px = float(np.quantile(np.linalg.norm(residual[part], axis=1), 0.9))
+        factor = round_factor(calibrated.camera.width / 30 / max(length_px, 1e-9))
         crossed = (views.pixels[lost], residual[lost])
         section.plots.append(
             plot(
@@ -731,11 +732,6 @@ def draw_print_map(
     bar_axes = ax.figure.colorbar(ScalarMappable(norm, colors), ax=ax, shrink=0.7, pad=0.02, aspect=26)
     bar_axes.set_label("height z over the design, um")
     return ax
-
-
-def residual_factor(residual: Array, width: int) -> float:
-    """Return the factor by which residuals (k, 2) in px are drawn over an image of this width."""
-    return round_factor(width / 30 / max(float(np.quantile(np.linalg.norm(residual, axis=1), 0.9)), 1e-9))
 
 
 def draw_residual_vectors(

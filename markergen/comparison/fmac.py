@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from markergen.arrays import Array, Indices
 from markergen.comparison.compare import flips, forecast
 from markergen.comparison.contestants import KINDS, Arena, Choice, Contestant
 from markergen.comparison.contestants.dots import DotBody
@@ -251,13 +250,13 @@ def _part(shelf: Shelf, series: Series, task: tuple[list[Any], int, Choice, rang
     identity, who, choice, views = task
     key = ["part", identity, choice, views.start, views.stop]
     rows: list[dict[str, Any]] = shelf.take(
-        key, lambda: [_kept(observation) for observation in observe_chunk(series, (who, choice, views))]
+        key,
+        lambda: [
+            {name: np.asarray(value).tolist() for name, value in vars(observation).items()}
+            for observation in observe_chunk(series, (who, choice, views))
+        ],
     )
     return rows
-
-
-def _kept(observation: Observation) -> dict[str, Any]:
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(observation).items()}
 
 
 def _observation(row: Mapping[str, Any]) -> Observation:
@@ -270,7 +269,10 @@ def _entry(series: Series, contestant: Contestant, observations: Sequence[Observ
     rows = np.array([k for k, observation in enumerate(observations) if observation.counts], dtype=np.intp)
     degrees = pose_degrees(series.poses.rotation[rows], series.poses.translation[rows])
     mirrored = np.array([observations[k].mirrored for k in rows], dtype=bool)
-    every = DegreeErrors(degrees, *(_column(observations, rows, name) for name in ("error", "sigma")))
+    errors, sigmas = (
+        np.array([getattr(observations[k], name) for k in rows]).reshape(-1, 6) for name in ("error", "sigma")
+    )
+    every = DegreeErrors(degrees, errors, sigmas)
     true = DegreeErrors(degrees[~mirrored], every.errors[~mirrored], every.sigma[~mirrored])
     drawn = slice(0, SCATTERED)
     return {
@@ -285,10 +287,6 @@ def _entry(series: Series, contestant: Contestant, observations: Sequence[Observ
         "samples": {name: plain(getattr(true, name)[drawn].tolist()) for name in ("degrees", "errors", "sigma")},
         "bins": true.bins(),
     }
-
-
-def _column(observations: Sequence[Observation], rows: Indices, name: str) -> Array:
-    return np.array([getattr(observations[k], name) for k in rows]).reshape(-1, 6)
 
 
 BLOCK = 6.4

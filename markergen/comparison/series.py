@@ -134,6 +134,7 @@ class Series:
         if errors[best].max() > WRONG_PX:
             return Observation(wrong=True, reason=f"wrong: a point is {errors[best].max():.1f} px off")
         estimate = (sighting.rotation @ symmetries[best].T)[None], sighting.translation[None]
+        off = np.concatenate([logarithm(estimate[0][0] @ rotation.T), estimate[1][0] - translation])
         te_pct = translation_error_pct(sighting.translation, translation)
         return Observation(
             rotation_deg=float(rotation_error_deg(estimate[0][0], rotation)),
@@ -141,7 +142,7 @@ class Series:
             point_px=errors[best],
             failed=bool(pose_failed(contestant.points, *estimate, np.array([te_pct]))[0]),
             mirrored=bool(flipped(estimate[0], rotation, translation)[0]),
-            error=in_units(_steps(estimate, rotation, translation)[None])[0],
+            error=in_units(off[None])[0],
             sigma=in_units(np.sqrt(np.diagonal(sighting.covariance))[None])[0],
         )
 
@@ -180,10 +181,6 @@ class Observation:
     def counts(self) -> bool:
         """True if it was detected and its pose has not failed."""
         return self.detected and not self.failed
-
-
-def _steps(estimate: Pose, rotation: Array, translation: Array) -> Array:
-    return np.concatenate([logarithm(estimate[0][0] @ rotation.T), estimate[1][0] - translation])
 
 
 def shared(

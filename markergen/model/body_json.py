@@ -43,7 +43,7 @@ def to_json(marker: Marker) -> bytes:
         If the marker contains a number that is not finite, or its provenance or extensions are not plain JSON.
     """
     centered = hypot(*marker.boundary.center) <= ROUNDING
-    joint = marker.joint_covariance
+    joint, (x, y) = marker.joint_covariance, marker.print_scale
     content = {
         "format": FORMAT,
         "version": 1,
@@ -55,7 +55,7 @@ def to_json(marker: Marker) -> bytes:
         **({"joint_covariance": {"order": joint.order, "axes": joint.axes, "matrix": None}} if joint else {}),
         "tag": _tag(marker.tag),
         "substrate": marker.substrate.as_dict(),
-        "print_correction": None if marker.print_scale == (1.0, 1.0) else _correction(marker.print_scale),
+        "print_correction": None if (x, y) == (1.0, 1.0) else {"scale_x": x, "scale_y": y},
         **({"rulers": _given(x=marker.rulers[0], y=marker.rulers[1])} if marker.rulers else {}),
         "provenance": dict(marker.provenance),
         **({"extensions": dict(marker.extensions)} if marker.extensions else {}),
@@ -87,10 +87,6 @@ def _control_point(point: ControlPoint) -> dict[str, Any]:
 
 def _given(**values: float | None) -> dict[str, float]:
     return {key: value for key, value in values.items() if value is not None}
-
-
-def _correction(scale: tuple[float, float]) -> dict[str, float]:
-    return {"scale_x": scale[0], "scale_y": scale[1]}
 
 
 def _tag(tag: Tag | None) -> dict[str, Any] | None:

@@ -91,23 +91,6 @@ class AutogradObjective(Objective):
         return np.concatenate(values), back
 
 
-def _forward_information(points: Array, pose: PoseObjective) -> Array:
-    return pose.information(points)[0]
-
-
-def _information_vjp(value: Array, points: Array, pose: PoseObjective) -> Pullback:
-    del value
-
-    def vjp(cotangent: Array) -> Array:
-        return pose.information(points)[1](cotangent)
-
-    return vjp
-
-
-def _forward_pixels(points: Array, setting: Setting) -> Array:
-    return setting.camera.project(points, setting.poses.rotation, setting.poses.translation)
-
-
 def _pixels_vjp(value: Array, points: Array, setting: Setting) -> Pullback:
     del value
     seen = to_camera(points, setting.poses.rotation, setting.poses.translation)
@@ -123,14 +106,11 @@ def _pixels_vjp(value: Array, points: Array, setting: Setting) -> Pullback:
     return vjp
 
 
-def _inverse_vjp(value: Array, matrix: Array) -> Pullback:
-    del matrix
-    return lambda cotangent: -value @ cotangent @ value
-
-
-_information, _pixels, inverse = primitive(_forward_information), primitive(_forward_pixels), primitive(covariance)
-defvjp(inverse, _inverse_vjp)
-defvjp(_information, _information_vjp, argnums=(0,))
+_information = primitive(lambda points, pose: pose.information(points)[0])
+_pixels = primitive(lambda points, view: view.camera.project(points, view.poses.rotation, view.poses.translation))
+inverse = primitive(covariance)
+defvjp(inverse, lambda value, _: lambda cotangent: -value @ cotangent @ value)
+defvjp(_information, lambda _, points, pose: lambda cotangent: pose.information(points)[1](cotangent), argnums=(0,))
 defvjp(_pixels, _pixels_vjp, argnums=(0,))
 
 

@@ -5,14 +5,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.maths.information import rotation_bound
-from markergen.model.poses import PoseDistribution
 from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
-
-
-def _bound(covariance: Array, poses: PoseDistribution) -> Array:
-    del poses
-    return np.rad2deg(rotation_bound(covariance))
 
 
 @OBJECTIVES.register("rotation")
@@ -20,7 +14,9 @@ class RotationObjective(PoseCovarianceObjective):
     """RMS rotation error in degrees for the noise of the setting (`markergen.maths.information`)."""
 
     unit = "deg"
-    criterion = Criterion("rotation_deg", "rotation deg", place=2, bound=_bound)
+    criterion = Criterion(
+        "rotation_deg", "rotation deg", place=2, bound=lambda covariance, _: np.rad2deg(rotation_bound(covariance))
+    )
     # Half of the starts end in local optima, with dots in pairs and triples.
     default_restarts = 32
 

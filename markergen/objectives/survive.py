@@ -112,20 +112,17 @@ def hidden_dot_errors(points: Array, setting: Setting, lost: int) -> list[Hidden
     for hidden in range(lost + 1):
         sets = losses(points.shape[1], hidden)
         columns = {key: _after(objective, points, sets) for key, objective in objectives.items()}
+        # The first loss that is the worst up to rounding: symmetric layouts have many.
+        pose = columns["pose_m"]
         result.append(
             HiddenDots(
                 hidden,
                 {key: float(values.max()) for key, values in columns.items()},
                 {key: float(values.mean()) for key, values in columns.items()},
-                tuple(int(i) for i in sets[_first_worst(columns["pose_m"])]),
+                tuple(int(i) for i in sets[np.argmax(pose >= pose.max() * (1 - 1e-9))]),
             )
         )
     return result
-
-
-def _first_worst(values: Array) -> int:
-    """Index of the first value that is the largest up to rounding: symmetric layouts have many."""
-    return int(np.argmax(values >= values.max() * (1 - 1e-9)))
 
 
 def _after(objective: Objective, points: Array, sets: Losses) -> Array:

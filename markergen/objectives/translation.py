@@ -5,13 +5,8 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.maths.information import displacement_weight, translation_bound
-from markergen.model.poses import PoseDistribution
 from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
-
-
-def _bound(covariance: Array, poses: PoseDistribution) -> Array:
-    return 100 * translation_bound(covariance, poses.translation)
 
 
 @OBJECTIVES.register("translation")
@@ -22,7 +17,12 @@ class TranslationObjective(PoseCovarianceObjective):
     """
 
     unit = "%"
-    criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)
+    criterion = Criterion(
+        "translation_pct",
+        "translation %",
+        place=3,
+        bound=lambda covariance, poses: 100 * translation_bound(covariance, poses.translation),
+    )
 
     def _weight(self) -> Array:
         poses, carrier = self.setting.poses, self.setting.carrier

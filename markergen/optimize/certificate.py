@@ -266,7 +266,9 @@ class _Fields:
 
     def __init__(self, room: Room, degree: int) -> None:
         self.room, region = room, room.region
-        self.turns = _turns(region)
+        # A layout turned by all rotations (T, 2, 2) of a disk is a measure that keeps the caps, and often the best.
+        turns = ORBIT if len(region.walls) == 1 else 1
+        self.turns = turn_z(np.linspace(0.0, 2 * np.pi, turns, endpoint=False))[:, :2, :2]
         self.objective = objective = room.objective
         corners = np.concatenate(region.boundary.outlines())
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
@@ -621,12 +623,6 @@ class _Program:
         prices = np.maximum(-result.ineqlin.marginals, 0.0)
         shares, ends = prices[:count], count + np.cumsum([len(part.caps) for part in parts])
         return weights, shares / shares.sum(), np.split(prices[: ends[-1]], [count, *ends[:-1]])[1:]
-
-
-def _turns(region: FeasibleRegion) -> Array:
-    """Rotations (T, 2, 2) of a disk: a layout turned by all is a measure that keeps the caps, and often the best."""
-    angles = np.linspace(0.0, 2 * np.pi, ORBIT if len(region.walls) == 1 else 1, endpoint=False)
-    return turn_z(angles)[:, :2, :2]
 
 
 def _in_wedge(places: Array, count: int) -> Mask:

@@ -746,7 +746,9 @@ def _place(
         optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
         points = optimum.points
         if not optimum.binding:
-            points = upright(points, objective, region, lambda turned: _safe(turned, spec, setting))
+            points = upright(
+                points, objective, region, lambda turned: layout_safety(turned, setting, False).least >= spec.asymmetric
+            )
         points = numbered(points)
     else:
         optimum = search(objective, region, spec.n, rng, *more, first)
@@ -851,7 +853,3 @@ def _effort(seconds: float) -> str:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in kB, macOS in bytes.
     return f"{duration}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most"
-
-
-def _safe(points: Array, spec: Spec, setting: Setting) -> bool:
-    return layout_safety(points, setting, keyed=False).least >= spec.asymmetric

@@ -280,7 +280,8 @@ def search_relief(
             candidates.append(polish_relief(rough or objective, room, start, QUICK, QUICK_ROUNDS, record))
         except Ended:
             break
-    best = _flat(objective, flat)
+    level = np.column_stack([flat, np.zeros(n)])
+    best = level, float(objective(level[None])[0])
     kept = distinct_best(candidates, KEPT if n <= ALL_PAIRS_UP_TO else 1)
     for done, (points, _) in enumerate(kept):
         if progress:
@@ -392,11 +393,6 @@ def _every_second(flat: Array) -> Index:
     up = np.empty(len(flat), dtype=np.int64)
     up[around] = np.arange(len(flat)) % 2
     return up
-
-
-def _flat(objective: Objective, flat: Array) -> tuple[Array, float]:
-    points = np.column_stack([flat, np.zeros(len(flat))])
-    return points, float(objective(points[None])[0])
 
 
 def relief_breach(points: Array, relief: float, diameter: float, clearance: float, eyes: Array) -> float:

@@ -444,7 +444,9 @@ def _sized(
     rooms: dict[Boundary, float] = {}
     for k, plate_spec in enumerate(specs):
         if k not in given and plate_spec.boundary not in rooms:
-            rooms[plate_spec.boundary] = spec.dot if isinstance(spec.dot, float) else _largest(plate_spec)
+            # A whole tenth of a mm.
+            room = np.floor(largest_that_leaves_room(plate_spec) * CROWDED / ROOM * 1e4) / 1e4
+            rooms[plate_spec.boundary] = spec.dot if isinstance(spec.dot, float) else float(room)
     diameters = [given[k].dot_diameter if k in given else rooms[face.boundary] for k, face in enumerate(shape.faces)]
     plates = plate_views(shape.faces, diameters, poses, spec)
     needs: dict[Boundary, float] = {}
@@ -469,11 +471,6 @@ def _sized(
         points = given[k].xyz[:, :2] if k in given else np.zeros((0, 2))
         blocks.append(Block(plate_spec, plate.poses, points, plate.face))
     return blocks, sizes
-
-
-def _largest(spec: Spec) -> float:
-    """Largest diameter in m of a plate's dots, a whole tenth of a mm."""
-    return float(np.floor(largest_that_leaves_room(spec) * CROWDED / ROOM * 1e4) / 1e4)
 
 
 def _dots(spec: Spec, wanted: float, room: float, poses: PoseDistribution, progress: Progress | None) -> DotSize:

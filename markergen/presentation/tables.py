@@ -86,7 +86,9 @@ def parts_as_text(parts: Iterable[str | Table]) -> str:
 
 def parts_as_html(parts: Iterable[str | Table]) -> str:
     """Return sentences and tables as HTML with all text escaped."""
-    blocks = (_paragraph(part) if isinstance(part, str) else part.html() for part in parts)
+    blocks = (
+        f"<p>{_escaped(part)}</p>".replace("\n", "<br>") if isinstance(part, str) else part.html() for part in parts
+    )
     return f"<div>{''.join(blocks)}</div>"
 
 
@@ -196,10 +198,6 @@ def _escaped(text: str) -> str:
 
 def _cells(tag: str, cells: Sequence[str]) -> str:
     return "".join(f"<{tag}>{_escaped(cell)}</{tag}>" for cell in cells)
-
-
-def _paragraph(text: str) -> str:
-    return f"<p>{_escaped(text)}</p>".replace("\n", "<br>")
 
 
 SHORT = 60

@@ -201,13 +201,12 @@ class Verification(SavableResult, Sequence[Check]):
         return [Table("", _HEADER, [_row(check) for check in checks], _CAPTION), *sentences] if checks else []
 
     def __repr__(self) -> str:
-        verdicts = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
+        verdicts = [
+            f"{check.path[-80:]} {'unusable' if check.error else 'ok' if check.passed else 'WRONG'}"
+            for check in self._checks[:_SHOWN]
+        ]
         more = [f"and {len(self) - _SHOWN} more"] if len(self) > _SHOWN else []
         return f"<Verification: {', '.join([*verdicts, *more])}>"
-
-
-def _verdict(check: Check) -> str:
-    return "unusable" if check.error else "ok" if check.passed else "WRONG"
 
 
 def _row(check: Check) -> list[str]:

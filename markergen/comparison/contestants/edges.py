@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.comparison.contestants import KINDS, Arena, Choice, ContestantKind, Sighting
+from markergen.comparison.contestants import KINDS, Choice, ContestantKind, Sighting
 from markergen.comparison.contestants.printed import Grey
 from markergen.comparison.contestants.tags import SquareTag, tag_in
 from markergen.comparison.fiducials import TAG_SETTINGS
@@ -137,10 +137,11 @@ def _around(image: NDArray[np.uint8], start: Array, end: Array, margin: float, c
     return pixels, levels
 
 
-def _tag(text: str, arena: Arena) -> EdgeTag:
-    return EdgeTag(text, tag_in(text.partition(":")[2], arena.square), arena.square)
-
-
 KINDS.register("edges")(
-    ContestantKind(_tag, "edges:aruco:DICT[:ID]", "ArUco (or apriltag) tag, our lines on its edges", "OpenCV")
+    ContestantKind(
+        lambda text, arena: EdgeTag(text, tag_in(text.partition(":")[2], arena.square), arena.square),
+        "edges:aruco:DICT[:ID]",
+        "ArUco (or apriltag) tag, our lines on its edges",
+        "OpenCV",
+    )
 )

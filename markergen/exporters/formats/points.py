@@ -13,7 +13,7 @@ from typing import Any
 import markergen
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
-from markergen.model.body_json import rig_to_json, to_json
+from markergen.model.body_json import body_to_json
 from markergen.model.detector_json import detector_json
 from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
@@ -56,12 +56,7 @@ MEASURED = ("var_x_m2", "cov_xy_m2", "var_y_m2")
 
 def write_record(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
     """Canonical marker.json or rig.json, the only complete format, including bare points; no option has an effect."""
-    return Output(record_of(only(bodies, ".json")))
-
-
-def record_of(body: Marker | Rig) -> bytes:
-    """JSON of a marker or a rig, with all markers of a rig inline."""
-    return to_json(body) if isinstance(body, Marker) else rig_to_json(body)
+    return Output(body_to_json(only(bodies, ".json")))
 
 
 EXPORTERS.register(".json")(

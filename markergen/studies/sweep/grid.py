@@ -310,14 +310,11 @@ def _combinations(
         except InputError as error:
             expected, value, _ = error.args
             problem = value if expected == _INVALID else f"expected {expected}, found {value}"
-            impossible.setdefault(problem, []).append(_where(written))
+            where = " ".join(f"{key}={axis_text(value)}" for key, value in written.items()) or "the spec"
+            impossible.setdefault(problem, []).append(where)
     for problem, places in impossible.items():
         more = f" and {len(places) - 1} more combinations" if len(places) > 2 else ""
         findings.append(f"{places[0]}{more or ''.join(f' and {place}' for place in places[1:])}: {problem}")
-
-
-def _where(written: Mapping[str, Any]) -> str:
-    return " ".join(f"{key}={axis_text(value)}" for key, value in written.items()) or "the spec"
 
 
 def _estimators(
