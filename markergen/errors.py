@@ -95,6 +95,12 @@ def reason_of(error: BaseException) -> str:
     return text if len(text) <= 100 else text[:97] + "..."
 
 
+def enumerated(names: Iterable[str], conjunction: str = "or") -> str:
+    """Join names as ``a, b or c``."""
+    *others, last = names
+    return f"{', '.join(others)} {conjunction} {last}" if others else last
+
+
 def among(name: object, names: Iterable[str], listed: Sequence[str] = (), cutoff: float = 0.6) -> str:
     """Return the remedy for an unknown name: the nearest known name, if any, and all of them, or those in `shown`.
 

@@ -139,12 +139,6 @@ def _whole(path: Path) -> Path:
     return Path(before) if before and not exists(path) else path
 
 
-def check_some(paths: Sequence[object]) -> None:
-    """Refuse an empty list of outputs, the result of a forgotten path; raises InputError."""
-    if not paths:
-        raise InputError("a path to write to", "none", "give one or more")
-
-
 def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tuple[str, Path]]:
     """Pair each path with the kind of file that its suffix stands for.
 

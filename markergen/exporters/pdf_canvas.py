@@ -126,18 +126,14 @@ def _path(segments: tuple[Segment, ...]) -> str:
             # Degree elevation: a cubic's handles are two thirds of the way to the quadratic's control point.
             first = here[0] + 2 / 3 * (cx - here[0]), here[1] + 2 / 3 * (cy - here[1])
             points = first, (ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey)), (ex, ey)
-        tokens += [_number(side * POINTS_PER_MM) for point in points for side in point]
+        numbers = (f"{side * POINTS_PER_MM:.{DIGITS}f}" for point in points for side in point)
+        tokens += [number.rstrip("0").rstrip(".") for number in numbers]
         tokens.append(_OPERATORS[command])
         here = in_mm[-1]
     return " ".join(tokens)
 
 
 _OPERATORS = {"M": "m", "L": "l", "C": "c", "Q": "c"}
-
-
-def _number(points: float) -> str:
-    """Number with `DIGITS` decimals, without trailing zeros."""
-    return f"{points:.{DIGITS}f}".rstrip("0").rstrip(".")
 
 
 def pdf_color(color: str) -> Any:

@@ -135,7 +135,8 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
         is_near = opening.region.distance(np.stack(places, axis=-1)) < across - 1e-9
         ids = [str(dot[0]) for dot, close in zip(dots, is_near, strict=True) if close]
         if ids:
-            reaches.append(f"{opening} into that of dot{'s' * (len(ids) > 1)} {' and '.join(_some(ids))}")
+            listed = [*ids[:3], "others"] if len(ids) > 4 else ids
+            reaches.append(f"{opening} into that of dot{'s' * (len(ids) > 1)} {' and '.join(listed)}")
             widest = max(widest, across[is_near].max())
     if not reaches:
         return ()
@@ -144,10 +145,6 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
         f"{in_one_line(reaches, SHOWN)}; if detection suffers, move them, or design with "
         f"--clearance {format_length(float(f'{widest / 2:.3g}')).replace(' ', '')}",
     )
-
-
-def _some(ids: Sequence[str]) -> list[str]:
-    return [*ids[:3], "others"] if len(ids) > 4 else list(ids)
 
 
 def _region(contour: Contour) -> Region:

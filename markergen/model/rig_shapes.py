@@ -245,11 +245,7 @@ def distance_span(reach: float, nearest: float = 3.5, farthest: float = 9.0) -> 
     return "..".join(f"{float(f'{reach * factor:.2g}'):g}" for factor in (nearest, farthest)) + "m"
 
 
-def _exact(values: Array) -> tuple[float, ...]:
-    """Round to a picometer, so that the faces of a cube have whole numbers."""
-    return tuple((np.round(values, 12) + 0.0).tolist())
-
-
 def _face(name: str, boundary: Boundary, rotation: Array, translation: Array) -> Face:
     rows = np.where(np.abs(rotation - np.round(rotation)) < 1e-12, np.round(rotation), rotation) + 0.0
-    return Face(name, boundary, tuple(map(tuple, rows.tolist())), _exact(translation))
+    # Rounded to a picometer, so that the faces of a cube have whole numbers.
+    return Face(name, boundary, tuple(map(tuple, rows.tolist())), tuple((np.round(translation, 12) + 0.0).tolist()))

@@ -3,7 +3,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array
-from markergen.errors import InputError
+from markergen.errors import InputError, enumerated
 from markergen.maths.information import covariance, information
 from markergen.model.boundary import Boundary
 from markergen.model.camera import NO_DISTORTION, Camera
@@ -252,7 +252,7 @@ class Objective(ABC):
             raise InputError(
                 "control points in the marker's plane for this objective",
                 "a relief",
-                f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
+                f"use --objective {enumerated(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
             )
         size = max(1, POINTS_AT_ONCE // (len(self.setting.poses) * points.shape[1]))
         chunks = [points[start : start + size] for start in range(0, len(points), size)]
@@ -407,9 +407,3 @@ OBJECTIVES: Registry[type[Objective]] = Registry(
     "objective", "markergen.objectives", "markergen.objectives", type[Objective]
 )
 """Objectives by name; each entry is a subclass of `Objective`."""
-
-
-def either(names: Iterable[str]) -> str:
-    """Join names as ``a, b or c``."""
-    *others, last = names
-    return f"{', '.join(others)} or {last}" if others else last

@@ -49,7 +49,7 @@ from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.certificate import Certificate, Room, candidates_of, certify_rooms
 from markergen.optimize.design import Account, Design
 from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes, sources_of, usual_sources
-from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of
+from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of, error_words
 from markergen.optimize.ending import Ended, current_limit
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import FeasibleRegion, check, objective_of, room_of, rough_of
@@ -480,7 +480,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     row = _criteria(pose[served], poses.taken(served, 0))
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)
     marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {noise_text}", {"design": row}))
-    goal = f"{spec.objective} {problem.spec.aggregate} of {_in_unit(value, spec)} for {noise_text}"
+    goal = f"{spec.objective} {problem.spec.aggregate} of {error_words(spec, value)} for {noise_text}"
     labels = [layout_safety(scale.points, scale.setting, True) for scale in scales]
     plan = _planned(marker, covered, spec)
     marker = replace(marker, provenance={**marker.provenance, KEY: plan.as_dict()})
@@ -512,11 +512,6 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
         covered=covered,
         account=account,
     )
-
-
-def _in_unit(value: float, spec: Spec) -> str:
-    unit = OBJECTIVES[parse_goal(spec.objective).lead].unit
-    return format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"
 
 
 def _sentences(scales: Sequence[Block], labels: Sequence[LabelSafety]) -> Iterator[str]:

@@ -22,7 +22,7 @@ from markergen.bounds.confusion.perspective import MANY, layout_safety
 from markergen.bounds.crowding import separating_gap
 from markergen.bounds.dot_covariances import dot_covariances, image_jacobian, image_slopes, marker_budget
 from markergen.defaults import MEASURED_SIGMA, PRINT_SIGMA
-from markergen.errors import InputError
+from markergen.errors import InputError, enumerated
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.information import covariance
 from markergen.maths.projection import perspective, to_camera
@@ -34,7 +34,6 @@ from markergen.model.planned_error import PlannedError, degrees
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import MOST_LOSSES, MOST_POINTS, USUAL_IMAGE, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.base import either
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.dot_size import clearance_of
@@ -294,7 +293,7 @@ class Forecaster:
             raise InputError(
                 "an objective that is the error of a pose, for the number of dots",
                 f"objective={spec.objective!r}",
-                f"use --objective {either(names)}, or give --n",
+                f"use --objective {enumerated(names)}, or give --n",
             )
 
     def diameters(self) -> Iterator[float]:

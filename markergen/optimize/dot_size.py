@@ -345,7 +345,7 @@ def _minimum(predicted: Callable[[float], float], low: float, high: float) -> fl
 
 
 def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: float) -> str:
-    error, size = _error(spec, value), format_length(diameter)
+    error, size = error_words(spec, value), format_length(diameter)
     sources = f"image noise and a print error of {format_length(spec.print_sigma)}"
     error += f" for {sources if spec.print_sigma else 'image noise alone'}"
     if diameter >= room:
@@ -374,11 +374,13 @@ def _warning(spec: Spec, predicted: _Prediction, diameter: float) -> str:
         return ""
     return (
         f"a print error of {format_length(usual)} would outweigh what dots of this size gain "
-        f"({_error(spec, total[diameter])} instead of {_error(spec, total[better])} for {format_length(better)}): "
+        f"({error_words(spec, total[diameter])} instead of {error_words(spec, total[better])} for "
+        f"{format_length(better)}): "
         f"use --print-sigma {format_length(usual).replace(' ', '')}"
     )
 
 
-def _error(spec: Spec, value: float) -> str:
-    unit = OBJECTIVES[spec.objective].unit
+def error_words(spec: Spec, value: float) -> str:
+    """Value of the objective, or of the first of several, with its unit."""
+    unit = OBJECTIVES[parse_goal(spec.objective).lead].unit
     return format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices
-from markergen.errors import InputError
+from markergen.errors import InputError, enumerated
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, Without, area_without
 from markergen.model.goal import NGON, Limit, parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.objectives.base import either
 from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
@@ -69,13 +68,13 @@ def check_objective(spec: Spec, noisy: bool) -> None:
         raise InputError(
             "an objective for points in space with a relief",
             f"objective={spec.objective!r}",
-            f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
+            f"use --objective {enumerated(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
         )
     if noisy and not all(kind.knows_noise for kind in kinds):
         raise InputError(
             "an objective that depends on the noise",
             f"objective={spec.objective!r} with the noise model image",
-            f"use --objective {either(name for name in OBJECTIVES if OBJECTIVES[name].knows_noise)}",
+            f"use --objective {enumerated(name for name in OBJECTIVES if OBJECTIVES[name].knows_noise)}",
         )
     for limit in goal.limits:
         unit = unit_of(limit.name)

@@ -9,11 +9,12 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from markergen.files import Written, check_outputs, check_some, make_folder, sorted_by_suffix, write_all
+from markergen.errors import InputError
+from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.presentation.pages import check_page
 from markergen.presentation.plots import check_figure, figure_bytes
-from markergen.presentation.tables import Table, parts_as_html, parts_as_text
+from markergen.presentation.tables import Table, parts_as_html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +51,7 @@ class Result(ABC):
         """Return the results as JSON text."""
 
     def __str__(self) -> str:
-        return parts_as_text(self.parts())
+        return "\n".join(part if isinstance(part, str) else part.text().removesuffix("\n") for part in self.parts())
 
     def _repr_html_(self) -> str:
         return parts_as_html(self.parts())
@@ -84,7 +85,8 @@ class Targets:
 
     def checked(self) -> "Targets":
         """Return self if there are targets and all can be written; otherwise raise InputError or OutputError."""
-        check_some([*self.files, *([self.pictures] if self.pictures is not None else [])])
+        if not self.files and self.pictures is None:
+            raise InputError("a path to write to", "none", "give one or more")
         self.check()
         return self
 

@@ -79,11 +79,6 @@ class Table(NamedTuple):
         return f"<table>{title}<thead><tr>{_cells('th', self.header)}</tr></thead><tbody>{body}</tbody></table>{below}"
 
 
-def parts_as_text(parts: Iterable[str | Table]) -> str:
-    """Return sentences and tables as lines of plain text."""
-    return "\n".join(part if isinstance(part, str) else part.text().removesuffix("\n") for part in parts)
-
-
 def parts_as_html(parts: Iterable[str | Table]) -> str:
     """Return sentences and tables as HTML with all text escaped."""
     blocks = (

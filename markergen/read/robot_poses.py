@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, brief, enumerated
 from markergen.files import exists
 from markergen.guard import read
 from markergen.read.cameras.document import Document
@@ -375,9 +375,9 @@ def _poses_of(table: _PoseTable, convention: RobotConvention) -> list[tuple[Arra
     if any(missing.values()):
         lacking = [name for name, option in missing.items() if option]
         raise InputError(
-            f"{_listed(lacking)} of the poses in {table.name} to be stated",
+            f"{enumerated(lacking, 'and')} of the poses in {table.name} to be stated",
             "nothing about it" if len(lacking) == 1 else "nothing about them",
-            f"give {_listed([option for option in missing.values() if option])}",
+            f"give {enumerated(filter(None, missing.values()), 'and')}",
         )
     count = {"xyzw": 4, "wxyz": 4, "matrix": 9}.get(notation, 3)
     if len(columns.rotation) != count:
@@ -438,10 +438,6 @@ def _suggested(columns: _Columns) -> str:
     if len(columns.rotation) == 4:
         return "xyzw or wxyz"
     return f"rotvec, an Euler order such as ZYX about moving axes or zyx about fixed ones, or {programs}"
-
-
-def _listed(items: Sequence[str]) -> str:
-    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
 def _value(cell: str, place: str) -> float:

@@ -139,7 +139,8 @@ def expect(
     if not sample:
         bent = np.maximum(_curvature(images, is_determined), _calibration_curvature(images, is_determined))
         chosen[is_determined] = (chance[is_determined] > FLIPPING) | (bent > CURVED)
-    count = _draws(len(poses), int(chosen.sum()) * len(series.marker))
+    limit = min(DOTS // max(int(chosen.sum()) * len(series.marker), 1), DRAWS // len(poses))
+    count = int(np.clip(limit, LEAST_DRAWS, MOST_DRAWS))
     expected = Expectation(
         rotation_deg,
         1e3 * translation,
@@ -159,11 +160,6 @@ def expect(
         if progress:
             progress(min(start + at_once, len(numbers)), len(numbers))
     return expected
-
-
-def _draws(poses: int, dots: int) -> int:
-    limit = min(DOTS // max(dots, 1), DRAWS // poses)
-    return int(np.clip(limit, LEAST_DRAWS, MOST_DRAWS))
 
 
 def _images(series: SyntheticViews[Marker], bare_px: float) -> _Images:

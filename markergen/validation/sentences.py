@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from markergen.errors import enumerated
 from markergen.model.planned_error import PlannedError, amount
 from markergen.model.poses import left_out
 from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
@@ -252,13 +253,13 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
     }
     first = {what: max(parts, key=lambda name: parts[name]) for what, parts in shares_of.items() if parts}
     exact = budget.get("camera_exact", not any(parts.get("camera") for parts in shares_of.values()))
-    counted = [name for name in SOURCES[:3] if not (exact and name == "camera")]
+    counted = [NAMES[name] for name in SOURCES[:3] if not (exact and name == "camera")]
     sentences = []
     for name in dict.fromkeys(first.values()):
         limited = [what for what, largest in first.items() if largest == name]
         is_measured = name == "print" and budget.get("print_measured")
         remedy = "; ".join(REMEDIES_OF_MEASURED[what] for what in limited) if is_measured else REMEDIES[name]
-        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
+        line = f"Of {enumerated(counted, 'and')}, {NAMES[name]} limits the {' and the '.join(limited)}: {remedy}."
         if all(shares_of[what][name] > DOMINANT for what in limited):
             line += " Improving the rest would gain next to nothing."
         sentences.append(line)
@@ -345,11 +346,6 @@ def _cost(results: Mapping[str, Any]) -> str:
         f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
         f"rotation and translation would err {rotation} and {translation} times as much"
     )
-
-
-def _listed(names: list[str]) -> str:
-    sources = [NAMES[name] for name in names]
-    return " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
 
 
 def _with_unit(key: str, value: Any) -> str:

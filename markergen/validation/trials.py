@@ -152,7 +152,7 @@ class TrialResults:
         The parts are JSON values computed elsewhere, to be included: criteria, comparisons, views, budget, labels,
         dots, headline, expected, relative_error, and coverage only if there is one.
         """
-        experiment = self.experiment
+        experiment, c = self.experiment, self.condition
         poses, bounds = experiment.poses, experiment.bounds
         every, by_polar_angle = np.ones(len(poses), dtype=bool), {"by_polar_angle": poses.by_polar_angle()}
         groups, lm = by_polar_angle | {"by_distance": poses.by_distance()}, self.errors.get(NEES_OF)
@@ -175,7 +175,7 @@ class TrialResults:
             "noise_px": experiment.noise_px,
             "runs": experiment.runs,
             "seed": experiment.seed,
-            "condition": _range(self.condition),
+            "condition": None if c is None else {"mean": np.mean(c), "min": np.min(c), "max": np.max(c)},
             "relative_error": parts.get("relative_error"),
             "homography": {
                 name: _by_group(partial(_homography, errors), every, by_polar_angle)
@@ -483,7 +483,3 @@ def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:
         "rms_px": statistics(np.sqrt(he_px2)),
         "failure_rate": np.mean(failed),
     }
-
-
-def _range(values: Array | None) -> dict[str, Any] | None:
-    return None if values is None else {"mean": np.mean(values), "min": np.min(values), "max": np.max(values)}

@@ -391,7 +391,8 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
             if away != 0:
                 notes.append(f"{path} is {_text(here)}: where in the map the marker hangs")
             continue
-        allowed = tolerance if key in LENGTHS else max(LEAST, RELATIVE * _size(values))
+        size = max((abs(number) for value in values if (number := _number(value)) is not None), default=0.0)
+        allowed = tolerance if key in LENGTHS else max(LEAST, RELATIVE * size)
         name_of_dot = re.search(r"\bdot[ -](\w+)", path)
         if key in LENGTHS and name_of_dot and away is not None and away >= largest:
             largest, worst = away, name_of_dot[1]
@@ -506,10 +507,6 @@ def _distance(here: Sequence[Value], values: Sequence[Value]) -> float | None:
         elif str(a).strip().lower() != str(b).strip().lower():
             return None
     return largest
-
-
-def _size(values: Sequence[Value]) -> float:
-    return max((abs(number) for value in values if (number := _number(value)) is not None), default=0.0)
 
 
 def _text(values: Sequence[Value]) -> str:

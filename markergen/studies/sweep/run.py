@@ -85,7 +85,8 @@ def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | 
     first = [layout_cell(point) for point in sweep.points]
     # The trials of a layout are known before the layout itself.
     tried = {
-        (cell, point.noise_px): _trials_cost(point, sweep.runs) for cell, point in zip(first, sweep.points, strict=True)
+        (cell, point.noise_px): TRIAL_SECONDS * TYPICAL_POSES * sweep.runs * len(point.estimators)
+        for cell, point in zip(first, sweep.points, strict=True)
     }
     layouts = compute(work, first, store, engine, progress, _layout_cost, later=(len(tried), sum(tried.values())))
     second: list[Cell | None] = []
@@ -103,10 +104,6 @@ def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | 
 
 def _layout_cost(cell: Cell) -> float:
     return DESIGN_SECONDS if cell.settings["layout"] == "designed" else LAYOUT_SECONDS
-
-
-def _trials_cost(point: GridPoint, runs: int) -> float:
-    return TRIAL_SECONDS * TYPICAL_POSES * runs * len(point.estimators)
 
 
 def layout_cell(point: GridPoint) -> Cell:

@@ -46,7 +46,7 @@ from markergen.workshop.drafting.features import (
     use_words,
 )
 from markergen.workshop.iso286 import DiscFit
-from markergen.workshop.processes import Made
+from markergen.workshop.processes import Accuracy, Made
 from markergen.workshop.projection import BACK, cut_along, elevation, seen
 
 BOXED = (
@@ -77,18 +77,15 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
     dots, parts, holes = dots_of(marker), made.parts, located_holes(marker, fabrication, made)
     datums = datums_of(marker, made, holes, fabrication.datums)
-    sections = sections_of(marker, made, dots, holes)
+    sections = (*_dot_sections(dots, made), *_hole_sections(holes, made), *_edge_section(marker, made))
     back = _back(made)
     callouts = callouts_of(marker, fabrication, made, datums, holes)
     return Workpiece(
-        block=TitleBlock(
-            name=marker_name(marker),
-            title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
-            process=PROCESSES[fabrication.process].label,
-            material=fabrication.material,
-            general=fabrication.general_tolerance,
-            finish=made.accuracy.finish,
-            edges=made.accuracy.edges,
+        block=title_block(
+            marker_name(marker),
+            f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
+            fabrication,
+            made.accuracy,
         ),
         front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
@@ -113,6 +110,12 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         key=_key(made, bool(back), bool(sections)),
         notes=tuple(_notes(marker, made, callouts, back, holes)),
     )
+
+
+def title_block(name: str, title: str, fabrication: Fabrication, accuracy: Accuracy) -> TitleBlock:
+    """Title block of a drawing of a marker, or of a rig."""
+    process, general = PROCESSES[fabrication.process].label, fabrication.general_tolerance
+    return TitleBlock(name, title, process, fabrication.material, general, accuracy.finish, accuracy.edges)
 
 
 def _heights(made: Made) -> tuple[Dimension, ...]:
@@ -372,13 +375,6 @@ def _names(names: Sequence[str]) -> str:
 
 NEAR = 30.0
 """Maximum distance in mm of a recess from an edge to be in its section."""
-
-
-def sections_of(
-    marker: Marker, made: Made, dots: Sequence[SolidDot], holes: Sequence[PlateHole]
-) -> tuple[SectionView, ...]:
-    """All sections."""
-    return (*_dot_sections(dots, made), *_hole_sections(holes, made), *_edge_section(marker, made))
 
 
 def _dot_sections(dots: Sequence[SolidDot], made: Made) -> list[SectionView]:

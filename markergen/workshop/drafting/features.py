@@ -111,11 +111,6 @@ def holes_of(marker: Marker, fits: Mapping[str, str] = MappingProxyType({})) -> 
     return tuple(PlateHole(f"H{number}", *row, fits.get(f"H{number}", "")) for number, row in enumerate(rows, 1))
 
 
-def cutouts_of(marker: Marker) -> tuple[Contour, ...]:
-    """Holes of a drawing that are not round, mm."""
-    return tuple(contour for contour in _drawn(marker) if contour.as_circle is None)
-
-
 def _drawn(marker: Marker) -> list[Contour]:
     contours = drawn_holes(marker.boundary, marker.substrate.outline)
     return [placed(contour, 1e3, digits=9) for contour in contours]
@@ -159,7 +154,8 @@ def listed_outlines(marker: Marker, made: Made) -> list[ListedOutline]:
             outlines.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
     elif plates[0].as_circle is None and not is_rectangle(plates[0]):
         outlines.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
-    for number, contour in enumerate(cutouts_of(marker), 1):
+    cutouts = (contour for contour in _drawn(marker) if contour.as_circle is None)
+    for number, contour in enumerate(cutouts, 1):
         outlines.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
     for number, recess in enumerate(recesses_of(made), 1):
         if not is_plain(recess):

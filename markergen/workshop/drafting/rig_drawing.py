@@ -32,12 +32,12 @@ from markergen.geometry.outlines import polygon
 from markergen.model.body import Plate
 from markergen.model.body_json import rig_name
 from markergen.model.boundary import Polygon
-from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.fabrication import Fabrication
 from markergen.model.rig import Rig
 from markergen.solid.primitives import OFF, Prism, at_height
 from markergen.workshop.assembly import BlockFace, MadeBody
 from markergen.workshop.dot_geometry import dots_of
-from markergen.workshop.drafting.content import workpiece
+from markergen.workshop.drafting.content import title_block, workpiece
 from markergen.workshop.drafting.details import SCALES
 from markergen.workshop.drafting.drawing import (
     Control,
@@ -170,14 +170,8 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     what = "one body" if made.block else f"{count} plates"
     lines = dict.fromkeys(line for plate in made.made for line in plate.lines)
     return RigWork(
-        block=TitleBlock(
-            name=rig_name(rig),
-            title=f"Fiducial markers on {what}, {count} faces, {len(rig)} dots",
-            process=PROCESSES[fabrication.process].label,
-            material=fabrication.material,
-            general=fabrication.general_tolerance,
-            finish=accuracy.finish,
-            edges=accuracy.edges,
+        block=title_block(
+            rig_name(rig), f"Fiducial markers on {what}, {count} faces, {len(rig)} dots", fabrication, accuracy
         ),
         views=tuple(drawn),
         picture=_picture(main, rig, made),
