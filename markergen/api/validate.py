@@ -117,8 +117,8 @@ def validate(
     began = time.perf_counter()
     _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)
     results: dict[str, Any] = run(
-        judged, setting, settled["noise"], settled["runs"], series, settled["seed"], settled["workers"],
-        settled["trials_for_all"], settled["stress"], progress,
+        series, settled["noise"], settled["runs"], settled["workers"], settled["trials_for_all"], settled["stress"],
+        progress,
     )  # fmt: skip
     _log.info("validated in %.1f s", time.perf_counter() - began)
     written = Validation(results, series).write(targets, progress)

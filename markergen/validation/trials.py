@@ -212,7 +212,7 @@ def pose_summary(bounds: PoseBounds, errors: PoseErrors, poses: Mask) -> dict[st
     }
 
 
-def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int, seed: int) -> dict[str, Experiment]:
+def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int) -> dict[str, Experiment]:
     """Trials by LM at every pose that shows enough dots of a plate of a rig.
 
     Returns
@@ -225,7 +225,7 @@ def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int, see
     InputError
         If a number is out of range.
     """
-    check_trials(noise_px, runs, seed)
+    check_trials(noise_px, runs, seed := series.seed)
     rig, camera, poses, in_view = series.marker, series.camera, series.poses, series.coverage
     counted = in_view.seen & in_view.served[:, None]
     on_plate = rig.owner == np.arange(len(rig.plates))[:, None]
@@ -243,7 +243,9 @@ def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int, see
             rotation, translation = (np.stack(part) for part in zip(*views, strict=True))
             separation = flip_separation(rotation, translation, covariance(bounds.information)) / noise_px
             bounds = replace(bounds, separation=separation)
-        return Experiment(rig.xyz, rig.radius, camera, poses, bounds, noise_px, runs, seed, (NEES_OF,), seen, frames)
+        return Experiment(
+            rig.xyz, rig.radius, camera, poses, bounds, noise_px, runs, seed, (NEES_OF,), seen, frames
+        )
 
     return {"lm": experiment(counted, most), "lm_alone": experiment(counted & on_plate[best], best)}
 
@@ -252,12 +254,11 @@ def rig_trials(
     series: SyntheticViews[Rig],
     noise_px: float,
     runs: int,
-    seed: int,
-    workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]:
     """Return ``bound``, ``estimators`` and ``nees`` of a rig in the form described in docs/rigs.md."""
-    experiments = rig_experiments(series, noise_px, runs, seed)
+    experiments = rig_experiments(series, noise_px, runs)
     served, distances = series.coverage.served, series.poses.by_distance().items()
     groups = {
         "by_plates": series.coverage.by_plates(),

@@ -10,7 +10,6 @@ from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import label_safety
 from markergen.defaults import NOISE_PX, RUNS
 from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.rig import Rig
 from markergen.model.sight import coverage
@@ -25,18 +24,16 @@ from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.expectation import expect, without_calibration
 from markergen.validation.relative_error import relative_error_of
 from markergen.validation.report.subject import mean_diameters
+from markergen.validation.setting import setting_for
 from markergen.validation.trials import TrialResults, rig_trials, run_experiment
 from markergen.validation.view_records import DETECTOR, Record, stress, summarize, summarize_rig, take_records
 from markergen.validation.views import SyntheticViews
 
 
 def run_validation(
-    body: Marker | Rig,
-    setting: Setting,
+    series: SyntheticViews[Any],
     noise_px: float = NOISE_PX,
     runs: int = RUNS,
-    series: SyntheticViews[Any] | None = None,
-    seed: int = 0,
     workers: int | None = None,
     trials_for_all: bool = False,
     stressed: bool = False,
@@ -46,13 +43,13 @@ def run_validation(
 
     Parameters
     ----------
+    series : SyntheticViews
+        The marker or rig, camera, poses, seed and, if its count is above 0, synthetic images to render and detect. The
+        error budget uses its optics and error sources.
     noise_px : float
         Standard deviation of the noise on every image coordinate.
     runs : int
         Noisy trials for each pose; 0 gives the bounds alone.
-    series : SyntheticViews or None
-        Synthetic images to render and detect; the error budget uses their optics and error sources. None means no
-        images, the default optics, and a print error of 0.1 mm.
     trials_for_all : bool
         Run the trials for the other layouts as well; otherwise only their criteria and bounds are computed.
     stressed : bool
@@ -71,13 +68,12 @@ def run_validation(
         If the control points determine no homography (no pose for a relief), no pose shows four dots of a plate of a
         rig, a number is out of range, or `check_supported` refuses a marker.
     """
-    for plate in body.plates:
+    for plate in series.marker.plates:
         check_supported(plate.marker, "to validate")
-    series = series or SyntheticViews(body, setting.camera, setting.poses, 0, errors=ErrorSources())
     stage = _stages(progress)
-    if body.frame == "rig":
-        return _of_rig(series, noise_px, runs, seed, workers, stressed, stage)
-    return _of_marker(body, setting, noise_px, runs, series, seed, workers, trials_for_all, stressed, stage)
+    if series.marker.frame == "rig":
+        return _of_rig(series, noise_px, runs, workers, stressed, stage)
+    return _of_marker(series, noise_px, runs, workers, trials_for_all, stressed, stage)
 
 
 Stage = Callable[[str], Callable[[int, int], None] | None]
@@ -89,17 +85,17 @@ def _stages(progress: Progress | None) -> Stage:
 
 
 def _of_marker(
-    marker: Marker,
-    setting: Setting,
+    series: SyntheticViews[Marker],
     noise_px: float,
     runs: int,
-    series: SyntheticViews[Marker],
-    seed: int,
     workers: int | None,
     trials_for_all: bool,
     stressed: bool,
     stage: Stage,
 ) -> dict[str, Any]:
+    marker, seed = series.marker, series.seed
+    setting = setting_for(marker, series.camera, series.poses)
+
     def trials(judged: Marker, name: str) -> TrialResults:
         layout = without_height(judged.xyz)[None]
         # A relief has no homography, nor have dots of which a pose sees a part one for all poses.
@@ -178,13 +174,7 @@ def median_layout(layouts: Array, setting: Setting) -> Array:
 
 
 def _of_rig(
-    series: SyntheticViews[Rig],
-    noise_px: float,
-    runs: int,
-    seed: int,
-    workers: int | None,
-    stressed: bool,
-    stage: Stage,
+    series: SyntheticViews[Rig], noise_px: float, runs: int, workers: int | None, stressed: bool, stage: Stage
 ) -> dict[str, Any]:
     rig, poses, in_view = series.marker, series.poses, series.coverage
     served = in_view.served
@@ -194,7 +184,7 @@ def _of_rig(
             f"none of {len(poses)} ({poses.name})",
             "use nearer poses, larger dots, or a camera with a narrower view",
         )
-    trials = rig_trials(series, noise_px, runs, seed, workers, stage("trials"))
+    trials = rig_trials(series, noise_px, runs, workers, stage("trials"))
     joint, alone = budget_of(series), budget_of(series, alone=True)
     records = take_records(series, workers, stage("views")) if series.count else []
     summary = partial(summarize_rig, budget=joint)
@@ -213,7 +203,7 @@ def _of_rig(
         "poses": {"name": poses.name, "count": len(poses), "dropped": 0, "served": int(served.sum())},
         "noise_px": noise_px,
         "runs": runs,
-        "seed": seed,
+        "seed": series.seed,
         "bound": trials["bound"],
         "estimators": trials["estimators"],
         "budget": error_budget(series, noise_px, joint, alone),

@@ -31,6 +31,7 @@ from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale_body
 from markergen.model.tag import FAMILIES, family_bits, family_size
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.validation.validation import run_validation
+from markergen.validation.views import SyntheticViews
 from markergen.verification.check import verify
 
 DATA = Path(__file__).parent / "data"
@@ -200,7 +201,7 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
     image = np.full((480, 640), 200, np.uint8)
     doors = {
         "to detect": [lambda: detect(image, made), lambda: Detector(path)],
-        "to validate": [lambda: run_validation(made, setting, runs=0)],
+        "to validate": [lambda: run_validation(SyntheticViews(made, setting.camera, setting.poses, 0), runs=0)],
         "to compare": [lambda: line_up([str(path)])],
         "to rescale": [lambda: rescale_body(made, Rulers(0.199, None))],
         "to measure dots of": [lambda: remeasure(made, (MeasuredDot(0, 0, 0), MeasuredDot(1, 1, 0)))],

@@ -88,7 +88,7 @@ def test_a_dot_counts_where_it_is_whole_and_large_enough():
 def test_trials_reach_the_bound_and_one_plate_alone_does_not():
     every = series(cube())
     several = every.coverage.served & (every.coverage.plates > 1)
-    experiments = rig_experiments(every, 0.1, 60, 0)
+    experiments = rig_experiments(every, 0.1, 60)
     errors = {name: all_errors(experiment, 1)["lm"] for name, experiment in experiments.items()}
     bounds = {name: experiment.bounds for name, experiment in experiments.items()}
     joint, alone = (pose_summary(bounds[name], errors[name], several) for name in ("lm", "lm_alone"))

@@ -18,14 +18,17 @@ from markergen.validation.validation import run_validation
 from markergen.validation.views import SyntheticViews
 
 
+def bare(marker, setting):
+    """No views, and the usual print."""
+    return SyntheticViews(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
+
+
 @pytest.fixture(scope="module")
 def results(pentagon):
     calls = []
     setting = setting_of(pentagon)
     series = SyntheticViews(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
-    found = run_validation(
-        pentagon, setting, runs=5, series=series, stressed=True, progress=lambda *call: calls.append(call)
-    )
+    found = run_validation(series, runs=5, stressed=True, progress=lambda *call: calls.append(call))
     assert {stage for stage, _, _ in calls} == {"trials", "views", "stress", "expected errors"}
     return found
 
@@ -75,7 +78,7 @@ def test_dots_too_small_to_be_found_are_named(results, make_ngon):
     assert not any("it takes" in line for line in sentences.view_sentences(results))
     small = make_ngon(5, 0.15, 0.012)
     setting = setting_of(small)
-    told = run_validation(small, setting, runs=0)
+    told = run_validation(bare(small, setting), runs=0)
     # f d sqrt(cos(tilt)) / z at the middle; the ring is up to 0.12 m farther away, and seen at a lower angle.
     tilt = np.cos(np.deg2rad(setting.poses.polar_angle_deg))
     extent = 800 * 0.012 * np.sqrt(tilt) / setting.poses.distance
@@ -112,7 +115,7 @@ def test_numbers_keep_their_digits(value, text):
 def test_points_on_a_line_are_refused_in_one_line(make_marker, setting):
     line = make_marker(np.stack([np.linspace(-0.12, 0.12, 5), np.zeros(5)], -1), 0.15, 0.03)
     with pytest.raises(InputError, match="determine a homography"):
-        run_validation(line, setting, runs=1)
+        run_validation(bare(line, setting), runs=1)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +126,8 @@ def test_shares_are_plain_percentages(share, text):
 
 
 def test_trials_of_the_others_belong_to_one_layout(pentagon):
-    found = run_validation(pentagon, setting_of(pentagon, "cone:count=20"), runs=2, trials_for_all=True, workers=1)
+    series = bare(pentagon, setting_of(pentagon, "cone:count=20"))
+    found = run_validation(series, runs=2, trials_for_all=True, workers=1)
     for row in found["comparisons"].values():
         assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0

@@ -99,5 +99,5 @@ def test_bare_points_have_no_size_to_print(results, make_ngon, few, budget, undr
 def test_one_pose_is_enough(pentagon, few, undrawn):
     one = replace(few, poses=PoseDistribution("one", few.poses.rotation[[30]], few.poses.translation[[30]]))
     series = SyntheticViews(pentagon, one.camera, one.poses, 0, errors=ErrorSources())
-    results = run_validation(pentagon, one, runs=0, series=series, workers=1)
+    results = run_validation(series, runs=0, workers=1)
     assert "RMS over 1 poses" in html_report(results, pentagon, one, (), budget_of(series)).decode()
