@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 import markergen as mg
 from markergen.arrays import Array
+from markergen.errors import InputError
+from markergen.geometry.coverage import paint
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -20,7 +22,7 @@ from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.tag import Tag
 from markergen.render import Optics, Scenery, render_view
-from markergen.render.scenery import BACKGROUNDS, Occluder, hiding, scattered
+from markergen.render.scenery import BACKGROUNDS, Occluder, clutter, hiding
 
 Image = NDArray[Any]
 Rows = dict[str, dict[str, Any]]
@@ -229,6 +231,38 @@ def view(
         image = render_view(marker, camera, rotation, translation, optics, rng, scenery)
     pixels = camera.project(marker.xyz, rotation[None], translation[None])[0]
     return Scene(image, marker, camera, rotation, translation, pixels, away)
+
+
+LARGEST_SHARE = 0.9
+"""Maximum share of the image that may be covered; random shapes take ever longer to reach more."""
+
+
+def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[Occluder, ...]:
+    """Random dark, bright and textured polygons that cover a share of the image, within 0.002.
+
+    Raises
+    ------
+    InputError
+        If the share is not 0 to 0.9.
+    """
+    if not 0 <= share <= LARGEST_SHARE:
+        raise InputError(f"a share of 0 to {LARGEST_SHARE}", f"share={share}", "cover less of the image")
+    size = np.array([camera.width, camera.height])
+    covered = np.zeros((camera.height, camera.width), dtype=np.float32)
+    texture = clutter(camera, rng)
+    occluders = []
+    while (missing := share - float(covered.mean())) > 0.002:
+        area = min(rng.uniform(0.005, 0.04), missing) * size.prod()
+        angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 10))))
+        # Triangles to stars: vertices at random distances from the center.
+        star = rng.uniform(0.4, 1, len(angle))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        x, y = star.T
+        star *= np.sqrt(area / (abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2))
+        outline = star + rng.uniform(0, 1, 2) * size
+        grey = texture if rng.random() < 1 / 3 else float(rng.integers(0, 256))
+        occluders.append(Occluder((outline,), grey))
+        paint(covered, (outline,), np.float32(1), 1)
+    return tuple(occluders)
 
 
 def _lit(

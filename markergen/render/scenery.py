@@ -117,8 +117,6 @@ _PICTURES = (
     "rocket",
     "text",
 )
-_LARGEST_SHARE = 0.9
-"""Maximum share of the image that may be covered; random shapes take ever longer to reach more."""
 _SUBPIXEL_BITS = 4
 """Fractional bits of the coordinates that OpenCV draws at: sixteenths of a pixel."""
 
@@ -184,34 +182,6 @@ def _picture(name: str) -> Grey:
     picture = getattr(data, name)()
     grey = picture if picture.ndim == 2 else 255 * color.rgb2gray(picture)
     return np.asarray(grey, dtype=np.float32)
-
-
-def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[Occluder, ...]:
-    """Random dark, bright and textured polygons that cover a share of the image, within 0.002.
-
-    Raises
-    ------
-    InputError
-        If the share is not 0 to 0.9.
-    """
-    if not 0 <= share <= _LARGEST_SHARE:
-        raise InputError(f"a share of 0 to {_LARGEST_SHARE}", f"share={share}", "cover less of the image")
-    size = np.array([camera.width, camera.height])
-    covered = np.zeros((camera.height, camera.width), dtype=np.float32)
-    texture = clutter(camera, rng)
-    occluders = []
-    while (missing := share - float(covered.mean())) > 0.002:
-        area = min(rng.uniform(0.005, 0.04), missing) * size.prod()
-        angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 10))))
-        # Triangles to stars: vertices at random distances from the center.
-        star = rng.uniform(0.4, 1, len(angle))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        x, y = star.T
-        star *= np.sqrt(area / (abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2))
-        outline = star + rng.uniform(0, 1, 2) * size
-        grey = texture if rng.random() < 1 / 3 else float(rng.integers(0, 256))
-        occluders.append(Occluder((outline,), grey))
-        paint(covered, (outline,), np.float32(1), 1)
-    return tuple(occluders)
 
 
 def hiding(

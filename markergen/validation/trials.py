@@ -243,9 +243,7 @@ def rig_experiments(series: SyntheticViews[Rig], noise_px: float, runs: int) -> 
             rotation, translation = (np.stack(part) for part in zip(*views, strict=True))
             separation = flip_separation(rotation, translation, covariance(bounds.information)) / noise_px
             bounds = replace(bounds, separation=separation)
-        return Experiment(
-            rig.xyz, rig.radius, camera, poses, bounds, noise_px, runs, seed, (NEES_OF,), seen, frames
-        )
+        return Experiment(rig.xyz, rig.radius, camera, poses, bounds, noise_px, runs, seed, (NEES_OF,), seen, frames)
 
     return {"lm": experiment(counted, most), "lm_alone": experiment(counted & on_plate[best], best)}
 

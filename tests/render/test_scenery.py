@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.detection_scenes import scattered
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.poses import paper
 from markergen.render import Optics, Scenery, render_view
-from markergen.render.scenery import BACKGROUNDS, Occluder, clutter, hiding, photo, scattered
+from markergen.render.scenery import BACKGROUNDS, Occluder, clutter, hiding, photo
 
 CAMERA = Camera(160, 120, 200, 200, 80, 60)
 POSES = paper()
