@@ -44,11 +44,6 @@ MOST = 0.9
 """Minimum share of the views that a contestant must find for its misses to count in choosing the common views."""
 
 
-def compare(*arguments: Any, **options: Any) -> dict[str, Any]:
-    """Return the results of `compare_and_time` alone: the same for the same arguments."""
-    return compare_and_time(*arguments, **options)[0]
-
-
 def compare_and_time(
     texts: Sequence[str],
     views: int = COMPARED_VIEWS,

@@ -37,7 +37,7 @@ class Comparison(SavableResult):
     Parameters
     ----------
     results : mapping
-        Return value of `markergen.comparison.compare.compare`.
+        Return value of `markergen.comparison.compare.compare_and_time`.
     written : sequence of Written
         Files that were written together with the results.
     cpu_s : mapping
@@ -60,7 +60,7 @@ class Comparison(SavableResult):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """All results as plain JSON values, see `markergen.comparison.compare.compare`; read-only."""
+        """All results as plain JSON values, see `markergen.comparison.compare.compare_and_time`; read-only."""
         return MappingProxyType(self._results)
 
     @property

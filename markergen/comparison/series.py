@@ -69,8 +69,6 @@ class Series:
     def __post_init__(self) -> None:
         if self.count < 1:
             raise InputError("one or more views", f"views={self.count}", "ask for a positive number of views")
-        if self.seed < 0:
-            raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
             raise InputError(
                 "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
