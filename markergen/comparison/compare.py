@@ -22,6 +22,7 @@ from markergen.model.rig import Rig
 from markergen.objectives import Setting
 from markergen.options import Progress
 from markergen.pool import TimeForecast, chunks_of, workers_for
+from markergen.presentation.results import plain
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.units import duration
 from markergen.validation.bounds import pose_bounds
@@ -229,7 +230,7 @@ def comparison_results(
                 "setting": "",
                 "tuning": [],
                 **_summary(row, bound, everywhere, series.seed),
-                "pattern_bound": {key: _finite(rms(bound[:, k])) for k, key in enumerate(ERRORS)},
+                "pattern_bound": {key: plain(rms(bound[:, k])) for k, key in enumerate(ERRORS)},
                 "flips": flips(series, contestant, row),
                 "common": _summary(row, bound, common, series.seed),
                 "ratio": {key: _ratio(key, row, observations[0], series.seed) for key in ERRORS},
@@ -286,13 +287,9 @@ def _summary(row: Sequence[Observation], bound: Array, chosen: Mask, seed: int |
         "rate": detected / len(seen) if seen else None,
         **{key: statistics(errors[key]) for key in ERRORS},
         "point_px": statistics(np.concatenate([np.zeros(0), *(observation.point_px for observation in kept)])),
-        "bound": {key: _finite(rms(bound[counted, k])) if kept else None for k, key in enumerate(ERRORS)},
+        "bound": {key: plain(rms(bound[counted, k])) if kept else None for k, key in enumerate(ERRORS)},
         **intervals,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:

@@ -12,7 +12,7 @@ from markergen.arrays import Array
 from markergen.comparison.contestants import Sighting
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera
-from markergen.model.tag import FAMILIES, Board, Tag
+from markergen.model.tag import Board, Tag, dictionary_of
 
 PIXEL_OFFSET = {"none": 0.0, "subpix": 0.0, "contour": 0.0, "apriltag": 0.5}
 """Offset to subtract from both corner coordinates for each refinement, in px of the image that is searched.
@@ -215,7 +215,7 @@ def _tag_detector(family: str, settings: FiducialSettings, least_perimeter: floa
 
     parameters = _parameters(settings)
     parameters.minMarkerPerimeterRate = least_perimeter
-    return cv2.aruco.ArucoDetector(_dictionary(family), parameters)
+    return cv2.aruco.ArucoDetector(dictionary_of(family), parameters)
 
 
 @lru_cache(maxsize=64)
@@ -229,12 +229,6 @@ def _board_detector(board: Board, settings: FiducialSettings, camera: Camera | N
         parameters.cameraMatrix = camera.matrix
         parameters.distCoeffs = np.array(camera.distortion.coefficients or (0.0,) * 4)
     layout = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square, board.tag_side, _dictionary(board.family)
+        (board.columns, board.rows), board.square, board.tag_side, dictionary_of(board.family)
     )
     return cv2.aruco.CharucoDetector(layout, parameters, _parameters(settings))
-
-
-def _dictionary(family: str) -> Any:
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))

@@ -34,6 +34,7 @@ from markergen.drawing.scene import (
     mapped,
     moved_layers,
     overlaps,
+    points_of,
     polygon,
     renamed,
     scene_of,
@@ -397,7 +398,7 @@ def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[
         face = Region.polygon([edge.start for edge in net.edges[k]])
         numbers = [shape for shape in artwork.layers["text"] if face.depth(corners(bounds(shape))).min() > 0]
         face_layers = {
-            "ground": (polygon(_points(net.outlines[k]), "ground", colors.paper),) if colors.grounded else (),
+            "ground": (polygon(points_of(net.outlines[k]), "ground", colors.paper),) if colors.grounded else (),
             "dots": tuple(place.moved(shape) for shape in artwork.layers["dots"]),
             "tag": tuple(place.moved(shape) for shape in artwork.layers["tag"]),
             "text": tuple(place.moved(shape) for shape in (*numbers, *_name(plate.name, figure, face, numbers))),
@@ -415,16 +416,12 @@ def _drawn(net: Net, rig: Marker | Rig, colors: Colors) -> list[dict[str, tuple[
             elif (k, tuple(np.round(ends[0], 6))) in flapped:
                 marks += _dashes(ends, f"fold-{name}")
             else:
-                cut.append(Line(_points(ends), FINE, f"cut-{name}", colors.cut or BLACK))
+                cut.append(Line(points_of(ends), FINE, f"cut-{name}", colors.cut or BLACK))
     for number, flap in enumerate(net.flaps):
-        cut.append(Line(_points(flap.corners[[1, 2, 3, 0]]), FINE, f"flap-{number}", colors.cut or BLACK))
+        cut.append(Line(points_of(flap.corners[[1, 2, 3, 0]]), FINE, f"flap-{number}", colors.cut or BLACK))
         marks += _hatch(flap.corners, f"hatch-{number}")
         texts += _flap_words(flap, rig, number)
     return [*layers, {"cut": tuple(cut), "marks": tuple(marks), "text": tuple(texts)}]
-
-
-def _points(corners: Array) -> tuple[tuple[float, float], ...]:
-    return tuple((x, y) for x, y in corners.tolist())
 
 
 def _name(name: str, figure: Figure, face: Region, numbers: Sequence[Shape]) -> list[Shape]:
@@ -450,8 +447,8 @@ def _dashes(ends: Array, name: str) -> list[Shape]:
     count = max(2, round(float(np.hypot(*(ends[1] - ends[0]))) / DASH))
     cuts = np.linspace(0, 1, 2 * count)
     spots = ends[0] + cuts[:, None] * (ends[1] - ends[0])
-    dashes = [Line(_points(spots[2 * i : 2 * i + 2]), HAIRLINE, f"{name}-{i}", GRAY) for i in range(count)]
-    return [Line(_points(ends), HAIRLINE, name, FAINT), *dashes]
+    dashes = [Line(points_of(spots[2 * i : 2 * i + 2]), HAIRLINE, f"{name}-{i}", GRAY) for i in range(count)]
+    return [Line(points_of(ends), HAIRLINE, name, FAINT), *dashes]
 
 
 def _hatch(corners: Array, name: str) -> list[Shape]:
@@ -462,7 +459,7 @@ def _hatch(corners: Array, name: str) -> list[Shape]:
     for number, level in enumerate(np.arange(low + HATCH, high, HATCH)):
         x0, x1 = corners[:, 0].min() - 1, corners[:, 0].max() + 1
         for part, run in enumerate(region.runs(np.array([[x0, level - x0], [x1, level - x1]]))):
-            shapes.append(Line(_points(np.asarray(run)), HAIRLINE, f"{name}-{number}-{part}", LIGHT))
+            shapes.append(Line(points_of(np.asarray(run)), HAIRLINE, f"{name}-{number}-{part}", LIGHT))
     return shapes
 
 
@@ -483,7 +480,7 @@ def _flap_words(flap: Flap, rig: Marker | Rig, number: int) -> list[Shape]:
     width, white = text_width(label, height) / 2 + 1, height / 2 + 0.6
     blank = np.array([[-width, -white], [width, -white], [width, white], [-width, white]])
     return [
-        polygon(_points(place(blank)), f"flap-blank-{number}", "#ffffff"),
+        polygon(points_of(place(blank)), f"flap-blank-{number}", "#ffffff"),
         place.moved(text(label, 0, -height / 2, height, "center", color=GRAY, name=f"flap-name-{number}")),
     ]
 

@@ -284,10 +284,10 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
         if isinstance(shape, Line):
             for number, run in enumerate(window.runs(shape.points), 1):
                 suffix = f"-part-{number}" if number > 1 else ""
-                yield replace(shape, points=_points(run), name=shape.name + suffix)
+                yield replace(shape, points=points_of(run), name=shape.name + suffix)
             continue
         if rings := (_region(shape) & window).rings:
-            yield filled(map(_points, rings), shape.name, shape.color)
+            yield filled(map(points_of, rings), shape.name, shape.color)
 
 
 def _region(shape: Disk | FilledPath) -> Region:
@@ -306,5 +306,6 @@ def _region(shape: Disk | FilledPath) -> Region:
     return Region.odd(rings)
 
 
-def _points(ring: Array) -> tuple[Point, ...]:
+def points_of(ring: Array) -> tuple[Point, ...]:
+    """Corners (m, 2) as those of a shape."""
     return tuple((x, y) for x, y in ring.tolist())

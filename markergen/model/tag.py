@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -255,7 +256,7 @@ def tag_ink(family: str, number: int) -> Mask:
     import cv2
 
     cells = family_bits(family) + 2
-    return np.asarray(cv2.aruco.generateImageMarker(_dictionary(family), number, cells)) == 0
+    return np.asarray(cv2.aruco.generateImageMarker(dictionary_of(family), number, cells)) == 0
 
 
 def cell_outlines(ink: Mask) -> list[Array]:
@@ -302,7 +303,8 @@ def _known(family: str) -> tuple[int, int]:
 
 
 @cache
-def _dictionary(family: str):  # type: ignore[no-untyped-def]  # cv2 has no types
+def dictionary_of(family: str) -> Any:
+    """Return OpenCV's dictionary of a family."""
     import cv2
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))

@@ -10,6 +10,7 @@ import numpy as np
 from markergen.arrays import Array, Indices
 from markergen.maths.rotation import exponential
 from markergen.presentation.plots import INK, MUTED, SERIES
+from markergen.presentation.results import plain
 from markergen.validation.metrics import CONFIDENCE
 
 if TYPE_CHECKING:
@@ -80,11 +81,11 @@ class DegreeErrors:
         return {
             "errors": {
                 name: {
-                    "bias": _value(np.mean(column)),
-                    "bias_sigma": _value(np.std(column) / np.sqrt(max(len(column) - 1, 1))),
-                    "std": _value(np.std(column)),
-                    "median": _value(np.median(np.abs(column))) if len(column) else None,
-                    "expected": _value(np.sqrt(np.mean(square))),
+                    "bias": plain(np.mean(column)),
+                    "bias_sigma": plain(np.std(column) / np.sqrt(max(len(column) - 1, 1))),
+                    "std": plain(np.std(column)),
+                    "median": plain(np.median(np.abs(column))) if len(column) else None,
+                    "expected": plain(np.sqrt(np.mean(square))),
                 }
                 for name, column, square in zip(ERRORS, self.errors.T, (self.sigma**2).T, strict=True)
             },
@@ -107,9 +108,9 @@ class DegreeErrors:
         low, high = _chi_interval(views)
         return {
             "count": every.size,
-            "least": _value(every.min()),
-            "median": _value(np.median(every)),
-            "greatest": _value(every.max()),
+            "least": plain(every.min()),
+            "median": plain(np.median(every)),
+            "greatest": plain(every.max()),
             "above": int(np.sum(every > high)),
             "below": int(np.sum(every < low)),
         }
@@ -122,7 +123,7 @@ class DegreeErrors:
                     "at": float(np.median(column[rows])),
                     "mean": self.errors[rows].mean(axis=0).tolist(),
                     "std": self.errors[rows].std(axis=0).tolist(),
-                    "claimed": [_value(value) for value in np.sqrt(np.mean(self.sigma[rows] ** 2, axis=0))],
+                    "claimed": [plain(value) for value in np.sqrt(np.mean(self.sigma[rows] ** 2, axis=0))],
                 }
                 for rows in parts(column)
             ]
@@ -135,10 +136,6 @@ def _chi_interval(count: Array) -> tuple[Array, Array]:
 
     tail = (1 - CONFIDENCE) / 2
     return np.sqrt(chdtri(count, 1 - tail) / count), np.sqrt(chdtri(count, tail) / count)
-
-
-def _value(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def parts(values: Array) -> list[Indices]:

@@ -233,7 +233,7 @@ def _stretch(verdicts: Sequence[Verdict]) -> float | None:
 def _compared(
     plates: Sequence[Plate], solid: Solid, wanted: WantedSolid, kind: str, tolerance: float
 ) -> tuple[Check, list[Verdict]]:
-    candidates_of_plates = [_placements(plate, solid.rims, wanted, plates, tolerance) for plate in plates]
+    candidates_of_plates = [_placements(plate, solid.shell.rims, wanted, plates, tolerance) for plate in plates]
     motion = _motion(plates, candidates_of_plates, tolerance)
     if motion is None and not any(_wanted_on(plate, wanted)[0].names for plate in plates):
         return Check("", kind, findings=tuple(_of_whole(solid, wanted, tolerance)), notes=(SHEET,)), []
@@ -294,7 +294,7 @@ def _of_whole(solid: Solid, wanted: WantedSolid, tolerance: float) -> list[Findi
 def _wanted_on(plate: Plate, wanted: WantedSolid) -> tuple[DotSet, Array]:
     """Rims of a plate's dots as `wanted_dots` has them, in the marker's frame."""
     to_plate = inverse_pose((plate.rotation_matrix, plate.translation_vector))
-    return wanted_dots(plate.marker, wanted.rims.mapped(*to_plate))
+    return wanted_dots(plate.marker, wanted.shell.rims.mapped(*to_plate))
 
 
 def _placements(

@@ -10,6 +10,7 @@ far away, are looked for one by one on the surface of the other solid.
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array, Indices, Mask
 from markergen.geometry.region import pairs_in_boxes
+from markergen.verification.rims import Rims, rims_of_parts
 
 RAYS = 320
 """Number of rays across the largest side, 0.35 mm apart on a plate of 110 mm: 450 take twice the time."""
@@ -56,6 +58,11 @@ class Shell:
     corners: Array
     owner: Indices
     dark: Mask | None = None
+
+    @cached_property
+    def rims(self) -> Rims:
+        """Round rims, of each part by itself."""
+        return rims_of_parts(self.corners, self.owner)
 
     @property
     def heights(self) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from markergen.guard import MOST_TRIANGLES, Content, Reply, in_child, start_chil
 from markergen.occt import missing_kernel
 from markergen.read.meshes import MeshObject
 from markergen.verification.rays import Shell
-from markergen.verification.rims import Rims, rims_of_parts, welded
+from markergen.verification.rims import welded
 
 FOLDER = Path(markergen.read.meshes.__file__)
 MESH_PARSER, PARSER = FOLDER.with_name("mesh_parser.py"), FOLDER.with_name("step_parser.py")
@@ -53,11 +53,6 @@ class Solid:
         corners = np.concatenate([mesh.corners for mesh in self.objects])
         owner = np.repeat(np.arange(len(self.objects)), [len(mesh.corners) for mesh in self.objects])
         return Shell(corners, owner, self._dark())
-
-    @cached_property
-    def rims(self) -> Rims:
-        """Round rims, of each object by itself."""
-        return rims_of_parts(self.shell.corners, self.shell.owner)
 
     def _dark(self) -> Mask | None:
         """Whether each triangle is dark, where those without a color are light; None if none has one."""

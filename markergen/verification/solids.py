@@ -193,9 +193,9 @@ def _placed(plain: Check, ways: Iterable[Placement], wanted: WantedSolid, tolera
 
 def _compared(solid: Solid, wanted: WantedSolid, tolerance: float) -> Check:
     marker = wanted.body.plates[0].marker.as_designed
-    expected, sizes = wanted_dots(marker, wanted.rims)
+    expected, sizes = wanted_dots(marker, wanted.shell.rims)
     ids, tol = expected.names, 1e3 * tolerance
-    dots = dots_of(solid.rims, sizes) if len(sizes) else expected
+    dots = dots_of(solid.shell.rims, sizes) if len(sizes) else expected
     if len(ids) > 2:
         verdict = judge(expected, dots, tolerance)
     else:
@@ -404,7 +404,7 @@ class _Explained:
 
     def _round(self, name: str, whole: tuple[float, float, float], absent: str = "is missing") -> list[Finding]:
         """A round outline or hole, by its rim in the back or else in the face."""
-        rims, kind = self.solid.rims, "hole" if "hole" in name else "outline"
+        rims, kind = self.solid.shell.rims, "hole" if "hole" in name else "outline"
         off, ratio = rims.centers[:, :2] - whole[:2], np.abs(np.log(rims.radii / whole[2]))
         away = np.linalg.norm(off, axis=1)
         candidates = np.flatnonzero((away < HOLE) & (ratio < np.log(ALIKE)) & (np.abs(rims.normals[:, 2]) > 0.99))
@@ -421,7 +421,7 @@ class _Explained:
 
     def _sinks(self) -> list[Finding]:
         """Countersinks of the holes that are there."""
-        findings, rims = list[Finding](), self.solid.rims
+        findings, rims = list[Finding](), self.solid.shell.rims
         for hole in self.marker.substrate.holes:
             x, y, radius = 1e3 * hole.x, 1e3 * hole.y, 500 * hole.sink
             if radius and (np.hypot(rims.centers[:, 0] - x, rims.centers[:, 1] - y) < 0.1).any():
@@ -431,7 +431,7 @@ class _Explained:
 
     def _strange_holes(self, extra: Array) -> list[Finding]:
         """Rims in the back around which there is something extra."""
-        rims, findings = self.solid.rims, list[Finding]()
+        rims, findings = self.solid.shell.rims, list[Finding]()
         wanted = np.array([[1e3 * hole.x, 1e3 * hole.y] for hole in self.marker.substrate.holes]).reshape(-1, 2)
         low, _ = self.solid.shell.heights
         for center, radius, normal in zip(rims.centers, rims.radii, rims.normals, strict=True):

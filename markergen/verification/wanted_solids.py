@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain
 from typing import Any
 
@@ -19,7 +19,7 @@ from markergen.model.marker import Marker
 from markergen.solid.primitives import COLORS
 from markergen.verification.matching import DotSet
 from markergen.verification.rays import Shell, normals_of
-from markergen.verification.rims import Rims, dots_of, rims_of_parts
+from markergen.verification.rims import Rims, dots_of
 
 ALONE = {
     "dark": "the dark parts alone: verify the light ones, or the file of all parts, too",
@@ -75,11 +75,6 @@ class WantedSolid:
     def note(self) -> str:
         """Which parts these are, if not all."""
         return "" if len(self.materials) > 1 else ALONE[self.materials[0]]
-
-    @cached_property
-    def rims(self) -> Rims:
-        """Round rims, of each part by itself."""
-        return rims_of_parts(self.shell.corners, self.shell.owner)
 
 
 # All choices of one marker, of which several files are often compared.
