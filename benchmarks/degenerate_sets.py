@@ -88,7 +88,7 @@ CAMERAS = {(): "camera known", UNKNOWN: "camera unknown", FREE_RATIO: "camera un
 
 def judged(made: SimulatedSet, names: tuple[str, ...]) -> tuple[str, float, float, float]:
     """What is refused, or "", with the claimed and true RMS error of a dot in mm and NEES per degree of freedom."""
-    freedom = CameraFreedom.of_names(ROUGH, names, square="fy" not in names) if names else None
+    freedom = CameraFreedom.of_names(ROUGH, names) if names else None
     network = made.network(freedom, ROUGH if names else CAMERA)
     try:
         found = adjust(network, made.views)

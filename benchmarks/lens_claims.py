@@ -135,7 +135,7 @@ def one_set(
     squares = np.einsum("vni,vnij,vnj->vn", *(off := views.pixels - center, np.linalg.inv(bound), off))
     sums["bound"] = float(squares[whole].sum()), 2 * int(whole.sum())
 
-    freedom = CameraFreedom.of_names(camera, freed, square=False)
+    freedom = CameraFreedom.of_names(camera, freed)
     network = replace(network_of([marker], Known(camera=camera), camera, ()), freedom=freedom)
     adjusted = adjust_robustly(network, views).adjustment
     places = in_gauge(adjusted.network, marker.xyz, rotation, translation)[0]

@@ -387,7 +387,7 @@ def network_of(designs: Sequence[Marker], knowledge: Known, camera: Camera, name
     Dots measured by hand, with a sigma, are a prior; `names` are the parameters of an unknown camera to estimate.
     """
     if knowledge.camera is None:
-        freedom = CameraFreedom.of_names(camera, names, square="fy" not in names)
+        freedom = CameraFreedom.of_names(camera, names)
     elif knowledge.covariance is None:
         freedom = CameraFreedom.held(camera)
     else:

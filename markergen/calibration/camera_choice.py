@@ -132,7 +132,9 @@ def choose_camera(
                 )
                 current = take(fit)
     camera = current.photographs.network.camera
-    return CameraChoice(current.names, camera, _freedom(camera, current.names), tuple(tried), tuple(notes))
+    return CameraChoice(
+        current.names, camera, CameraFreedom.of_names(camera, current.names), tuple(tried), tuple(notes)
+    )
 
 
 _STARTS = (("fx", "cx", "cy", "k1", "k2"), ("fx", "cx", "cy", "k1"), ("fx", "cx", "cy"), ("fx",))
@@ -157,7 +159,7 @@ class _Fit:
     @classmethod
     def of(cls, photographs: Photographs, names: tuple[str, ...]) -> "_Fit | None":
         """Fit the parameters named; None if the photographs are too few for them."""
-        freedom = _freedom(photographs.network.camera, names)
+        freedom = CameraFreedom.of_names(photographs.network.camera, names)
         freed = replace(photographs, network=replace(photographs.network, freedom=freedom))
         adjusted = freed.adjusted(freed.network.design)
         if adjusted is None:
@@ -176,11 +178,6 @@ class _Fit:
 def _possible(names: Sequence[str], camera: Camera) -> tuple[str, ...]:
     """Return those of the names that the camera's lens has."""
     return tuple(name for name in names if name in camera.parameter_names)
-
-
-def _freedom(camera: Camera, names: Sequence[str]) -> CameraFreedom:
-    """Return what may move; fx alone moves fy in proportion."""
-    return CameraFreedom.of_names(camera, names, square="fy" not in names)
 
 
 def wider_lenses(network: Network) -> list[tuple[str, Network]]:

@@ -239,15 +239,14 @@ class CameraFreedom:
         return CameraFreedom(self.directions[:, :0], self.precision[:0, :0])
 
     @classmethod
-    def of_names(cls, camera: Camera, names: Sequence[str], square: bool = True) -> "CameraFreedom":
-        """Free the named parameters, of which nothing is known; if `square`, fx and fy move in proportion."""
+    def of_names(cls, camera: Camera, names: Sequence[str]) -> "CameraFreedom":
+        """Free the named parameters, of which nothing is known; fx alone moves fy in proportion."""
         columns = []
         for name in names:
             column = np.array([float(parameter == name) for parameter in camera.parameter_names])
-            if square and name == "fx":
+            if name == "fx" and "fy" not in names:
                 column[1] = camera.fy / camera.fx
-            if not (square and name == "fy"):
-                columns.append(column)
+            columns.append(column)
         return cls(np.array(columns).reshape(-1, len(camera.parameter_names)).T, np.zeros((len(columns),) * 2))
 
     @classmethod

@@ -366,7 +366,7 @@ class _CandidateWorth:
         dots = np.unique(np.linspace(0, n - 1, min(n, _MOST_DOTS)).round().astype(np.intp))
         # As many coordinates tell more, fewer have to be the more precise.
         noise = self.noise**2 * len(dots) / n
-        worth = [covariance @ matrix @ covariance for matrix in working_sensitivity.matrices()]
+        worth = [covariance @ matrix @ covariance for matrix in working_sensitivity.matrices]
         gains = []
         for start in range(0, len(candidates), _BATCH):
             part = candidates.take(np.arange(start, min(start + _BATCH, len(candidates))))

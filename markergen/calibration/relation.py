@@ -148,8 +148,8 @@ def relate(
         # Markers that are no rig's move by themselves.
         placed = moment * len(names) * (marker.max() + 1) + marker
     else:
-        designed, plate = _poses_of(body), marker
-        first = designed[0][0], designed[1][0]
+        designed = np.array([p.rotation_matrix for p in body.plates]), np.array([p.translation for p in body.plates])
+        plate, first = marker, (designed[0][0], designed[1][0])
         plates = _linked(seen, moment * len(names) + views.camera, marker, first, [p.name for p in body.plates])
         network = replace(network, loose=(print_sigma, print_sigma))
     same = np.unique(np.stack([moment, marker]), axis=1, return_inverse=True)[1].ravel()
@@ -185,14 +185,6 @@ def _sigmas(covariance: Array) -> tuple[Array, Array]:
     """Standard deviations (k,) of rotations in degrees and translations in m by their covariance (6 k, 6 k)."""
     parts = np.sqrt(np.diag(covariance).reshape(-1, 2, 3).sum(axis=-1))
     return np.rad2deg(parts[:, 0]), parts[:, 1]
-
-
-def _poses_of(body: Body) -> Pose:
-    """Rotations (k, 3, 3) and translations (k, 3) of the plates in the body."""
-    return (
-        np.array([plate.rotation_matrix for plate in body.plates]),
-        np.array([plate.translation_vector for plate in body.plates]),
-    )
 
 
 def _linked(

@@ -257,7 +257,7 @@ def _worth(adjustment: Adjustment, print_sigma: float, poses: tuple[Array, Array
         flat = np.broadcast_to(np.diag([print_sigma**2, print_sigma**2, 0.0]), (len(dots), 3, 3))
         # The camera in the middle of its own estimate: its derivatives are all that counts.
         working = sensitivity(points, adjustment.camera, rotation, translation, noise, flat)
-        turns = working.matrices()[0] / len(markers)
+        turns = working.matrices[0] / len(markers)
         design += float(np.diag(turns)[: working.dots] @ np.tile([print_sigma**2, print_sigma**2, 0.0], len(dots)))
         columns = (3 * dots[:, None] + np.arange(3)).ravel()[: working.dots if size else 0]
         lift = np.zeros((turns.shape[0], size + r))

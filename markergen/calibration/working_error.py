@@ -50,21 +50,18 @@ class Sensitivity:
     dots: int
 
     @cached_property
-    def _matrices(self) -> tuple[Array, Array]:
+    def matrices(self) -> tuple[Array, Array]:
+        """M_rotation and M_translation (3 n + k, 3 n + k): mean squares are trace(M C), in rad^2 and m^2."""
         turns, moves = (
             transfer.reshape(-1, transfer.shape[-1]) for transfer in (self.transfer[:, :3], self.transfer[:, 3:])
         )
         return turns.T @ turns / len(self.transfer), moves.T @ moves / len(self.transfer)
 
-    def matrices(self) -> tuple[Array, Array]:
-        """M_rotation and M_translation (3 n + k, 3 n + k): mean squares are trace(M C), in rad^2 and m^2."""
-        return self._matrices
-
     def expected(self, covariance: Array) -> ExpectedError:
         """Error for a covariance (3 n + k, 3 n + k) of dots and camera."""
         diagonal = np.einsum("pii->i", self.image) / len(self.image)
         image = np.array([diagonal[:3].sum(), diagonal[3:].sum()])
-        products = [matrix * covariance for matrix in self.matrices()]
+        products = [matrix * covariance for matrix in self.matrices]
         size = self.dots
         printed = np.array([product[:size, :size].sum() for product in products])
         camera = np.array([product[size:, size:].sum() for product in products])

@@ -22,7 +22,7 @@ def _set(n, rotation, translation, names=None, free=True, seed=1, good=False):
     design, rng = layout(n), np.random.default_rng(seed)
     true = printed(design, rng, 1e-4, 0.0, 0.0) if good else printed(design, rng)
     made = photographed(design, true, rotation, translation, rng)
-    freedom = None if names is None else CameraFreedom.of_names(made.camera, names, square="fy" not in names)
+    freedom = None if names is None else CameraFreedom.of_names(made.camera, names)
     return made, replace(made.network(freedom), free=free)
 
 

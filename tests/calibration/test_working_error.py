@@ -104,7 +104,7 @@ def test_the_mean_square_is_linear_in_the_covariance(calibrated):
         calibrated.places, calibrated.camera, rotation, translation, NOISE, _blocks(calibrated.joint, n)
     )
     told = found.expected(calibrated.joint)
-    turns, moves = (np.trace(each @ calibrated.joint) for each in found.matrices())
+    turns, moves = (np.trace(each @ calibrated.joint) for each in found.matrices)
     assert np.rad2deg(np.sqrt(turns + np.deg2rad(told.image[0]) ** 2)) == pytest.approx(told.rotation_deg)
     assert np.sqrt(moves + told.image[1] ** 2) == pytest.approx(told.translation)
 

@@ -9,7 +9,7 @@ from markergen.maths.rotation import exponential, turn_z
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
-UNKNOWN = ("fx", "fy", "cx", "cy", "k1", "k2")
+UNKNOWN = ("fx", "cx", "cy", "k1", "k2")
 
 
 @dataclass(frozen=True, eq=False)
