@@ -21,7 +21,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import check_size, read
 from markergen.model.body import Body, Plate
 from markergen.model.json_text import dumped, findings_of, in_one_line, json_of, parsed
-from markergen.model.marker import ControlPoint, JointCovariance, Marker
+from markergen.model.marker import ControlPoint, Marker
 from markergen.model.marker_file import FORMAT, PoseFile, checked_file, newer_keys
 from markergen.model.rig import MOST_MARKERS, Rig
 from markergen.model.shape_file import STRICT, Finite
@@ -62,7 +62,12 @@ def to_json(marker: Marker) -> bytes:
     }
     content["version"] = max((version for _, version in newer_keys(content)), default=1)
     text = dumped(content)
-    return ((_with_matrix(text, joint) if joint else text) + "\n").encode()
+    if joint:
+        # One row per line: one number per line would be unreadable, and half whitespace. No key at this depth before
+        # it is called matrix, and JSON strings contain no line breaks.
+        rows = ",\n".join(f"      {json.dumps(row)}" for row in joint.matrix)
+        text = text.replace('\n    "matrix": null', f'\n    "matrix": [\n{rows}\n    ]', 1)
+    return (text + "\n").encode()
 
 
 def _control_point(point: ControlPoint) -> dict[str, Any]:
@@ -102,22 +107,13 @@ def _tag(tag: Tag | None) -> dict[str, Any] | None:
     }
 
 
-def _with_matrix(text: str, joint: JointCovariance) -> str:
-    """Write the matrix with one row per line: one number per line would be unreadable, and half whitespace."""
-    rows = ",\n".join(f"      {json.dumps(row)}" for row in joint.matrix)
-    # No key at this depth before it is called matrix, and JSON strings contain no line breaks.
-    return text.replace('\n    "matrix": null', f'\n    "matrix": [\n{rows}\n    ]', 1)
-
-
 def load_marker(source: object) -> Marker:
     """Read a marker from a path, an open file, or parsed JSON; see `Marker.load`."""
-    if isinstance(source, str | os.PathLike):
-        return read_marker(source)
     if isinstance(source, Mapping):
         # By way of text: non-JSON values are refused, and nothing is shared with the caller.
         return from_json(dumped(source, None), "the dict")
-    if callable(getattr(source, "read", None)):
-        return _read(source)
+    if isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None)):
+        return read_marker(source)
     raise InputError(
         "a path, an open file or a dict of marker.json",
         f"{type(source).__name__} {brief(source)}",
@@ -125,8 +121,8 @@ def load_marker(source: object) -> Marker:
     )
 
 
-def read_marker(path: str | os.PathLike[str]) -> Marker:
-    """Read a marker.json.
+def read_marker(source: object) -> Marker:
+    """Read a marker.json from a path or an open file.
 
     Raises
     ------
@@ -134,10 +130,6 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
         If the file cannot be read, is not a marker.json, has a version unknown to this program, or violates the schema
         or the marker's geometry; then the message lists the errors with their paths, at most 20.
     """
-    return _read(path)
-
-
-def _read(source: object) -> Marker:
     content = read(source, "marker")
     return from_content(json_of(content), content.name)
 

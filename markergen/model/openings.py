@@ -63,6 +63,8 @@ def openings(marker: Marker) -> tuple[Opening, ...]:
     return (*holes, *map(Opening, drawn))
 
 
+# Cached, since every file of a marker needs them.
+@lru_cache(maxsize=8)
 def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Contour, ...]:
     """Return the holes of a boundary and of a plate's own outline as exact contours in m, clockwise.
 
@@ -73,12 +75,6 @@ def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Co
     InputError
         If holes of both overlap otherwise.
     """
-    return _drawn_holes(boundary, outline)
-
-
-# Cached, since every file of a marker needs them.
-@lru_cache(maxsize=8)
-def _drawn_holes(boundary: Boundary, outline: Boundary | None) -> tuple[Contour, ...]:
     outline_holes, boundary_holes = (
         [contour for contour in shape.contours() if area(contour) < 0] if shape else [] for shape in (outline, boundary)
     )

@@ -113,8 +113,6 @@ class Cone:
         InputError
             If the text does not have this form, or as the class says.
         """
-        if text.partition(":")[0].strip() != "cone":
-            raise InputError("a cone of poses", brief(text), f"write {FORM}")
         arguments: dict[str, Any] = {
             key: _value(key, value)
             for key, value in pose_arguments(text, [field.name for field in fields(Cone)], FORM).items()

@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
 from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
 
@@ -36,8 +35,6 @@ class Sphere:
     @staticmethod
     def parse(text: str) -> "Sphere":
         """Sphere of a text such as ``sphere:distance=0.4..1m,count=200``, in the forms of `Cone`; raises InputError."""
-        if text.partition(":")[0].strip() != "sphere":
-            raise InputError("poses on a sphere", brief(text), f"write {FORM}")
         arguments = pose_arguments(text, KEYS, FORM)
         return Sphere(
             Cone.parse(f"cone:{','.join([HEMISPHERE, *(f'{key}={value}' for key, value in arguments.items())])}")
