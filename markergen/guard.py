@@ -200,7 +200,8 @@ def read_start(path: Path, count: int, pipes: bool = False) -> bytes:
     ValueError
         If the path has a null character.
     """
-    with open(path, "rb", opener=None if pipes else _open_at_once) as file:
+    at_once = getattr(os, "O_NONBLOCK", 0)
+    with open(path, "rb", opener=None if pipes else lambda name, flags: os.open(name, flags | at_once)) as file:
         if not pipes and not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(errno.EINVAL, "a pipe or a device, not a regular file")
         return file.read(count)
@@ -239,10 +240,6 @@ def _near(path: Path) -> str:
         names = []
     matches = get_close_matches(path.name, names, 1)
     return f"check the path; there is {path.with_name(matches[0])}" if matches else "check the path"
-
-
-def _open_at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 # --- Child processes --------------------------------------------------------------------------------------------------

@@ -211,7 +211,10 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
     lens = camera.distortion
     coefficients = dict(zip(lens.names, lens.coefficients, strict=True))
     view = {name: float(np.rad2deg(angle)) for name, angle in camera.fields_of_view.items()}
-    moved = _moved_corners(camera)
+    # How far the lens moves what is seen in each corner of the image.
+    right, low = camera.width - 0.5, camera.height - 0.5
+    corners_px = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
+    moved = np.linalg.norm(camera.ideal.to_pixels(camera.from_pixels(corners_px)) - corners_px, axis=-1)
     sigma = None if covariance is None else dict(zip(camera.parameter_names, np.sqrt(np.diag(covariance)), strict=True))
     share = np.hypot(*off) / np.hypot(camera.width, camera.height)
     values = {
@@ -241,13 +244,6 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
 
 def _degrees(angle: float) -> str:
     return f"{angle:.1f} deg" if np.isfinite(angle) else "beyond the lens"
-
-
-def _moved_corners(camera: Camera) -> Array:
-    """How far in px the lens moves what is seen in each corner (4,) of the image."""
-    right, low = camera.width - 0.5, camera.height - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
-    return np.linalg.norm(camera.ideal.to_pixels(camera.from_pixels(corners)) - corners, axis=-1)
 
 
 def _draw_camera(camera: Camera, axes: "Axes") -> None:

@@ -87,7 +87,7 @@ def status_line(first: str) -> Iterator[Callable[[str], None]]:
 
     console = Console(stderr=True)
     if Silence.on or not console.is_terminal:
-        yield _silent
+        yield lambda _: None
         return
 
     def text_of(line: str) -> Text:
@@ -162,10 +162,6 @@ def _left(seconds: float) -> str:
     from markergen.units import duration
 
     return "" if isnan(seconds) else f"{duration(seconds)} left"
-
-
-def _silent(*_: object) -> None:
-    """Show nothing."""
 
 
 def complain(line: str) -> None:

@@ -106,8 +106,16 @@ class Comparison(SavableResult):
         """Return sentences and tables in the order in which the command prints them."""
         results = self._results
         return [
-            heading(results), *comparison_tables(results, self.cpu_s), *sentences(results)
-        ]  # fmt: skip
+            heading(results),
+            _overview(results),
+            _patterns(results, self.cpu_s),
+            _common(results),
+            _photometric(results),
+            _settings(results),
+            _split(results, "by_polar_angle", "deg", "tilt"),
+            _split(results, "by_distance", "m", "distance"),
+            *sentences(results),
+        ]
 
     def __repr__(self) -> str:
         entries = self._results["contestants"]
@@ -125,25 +133,6 @@ def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
     row |= {"bound_deg": entry["pattern_bound"]["rotation_deg"], "ink_cm2": entry["ink"]["cm2"]}
     low, high = ratio["interval"]
     return row | {"ratio": ratio["rms"], "ratio_low": low, "ratio_high": high}
-
-
-def comparison_tables(results: Mapping[str, Any], cpu_s: Mapping[str, float] | None = None) -> list[Table]:
-    """Results of `compare` as tables: accuracy, pattern and detector, common views, and the error by tilt and distance.
-
-    Parameters
-    ----------
-    cpu_s : mapping or None
-        Processor time of one view in s by name.
-    """
-    return [
-        _overview(results),
-        _patterns(results, cpu_s or {}),
-        _common(results),
-        _photometric(results),
-        _settings(results),
-        _split(results, "by_polar_angle", "deg", "tilt"),
-        _split(results, "by_distance", "m", "distance"),
-    ]
 
 
 def heading(results: Mapping[str, Any]) -> str:

@@ -252,7 +252,9 @@ class Region:
         """Parts (m, 2) of a polyline through points (k, 2) that lie in the region."""
         import shapely
 
-        return _lines(shapely.intersection(shapely.LineString(line), self._shape))
+        inside = shapely.line_merge(shapely.intersection(shapely.LineString(line), self._shape))
+        parts = shapely.get_parts(inside) if not inside.is_empty else ()
+        return [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString" and part.length > 0]
 
     def triangles(self) -> tuple[Array, Array]:
         """Triangulate into clockwise triangles (t, 3, 2), and return them with their areas (t,)."""
@@ -409,10 +411,3 @@ def _shapes(others: Sequence[ArrayLike | Region]) -> Any:
             corners = np.asarray(shape, dtype=float)
             shapes.append(shapely.Point(corners[0]) if len(corners) == 1 else shapely.Polygon(corners))
     return np.array(shapes, dtype=object)
-
-
-def _lines(shape: Any) -> list[Array]:
-    import shapely
-
-    parts = shapely.get_parts(shapely.line_merge(shape)) if not shape.is_empty else ()
-    return [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString" and part.length > 0]

@@ -90,7 +90,11 @@ def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Ar
         In the plane R is the identity, or the mirror x -> -x, where all source points or all target points coincide.
     """
     if source.shape[-1] == 3:
-        return _spatial_motion(source, target)
+        from scipy.spatial.transform import Rotation
+
+        middle, goal = source.mean(axis=0), target.mean(axis=0)
+        rotation = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
+        return rotation, goal - rotation @ middle
     flip = np.array([-1.0 if mirror else 1.0, 1.0])
     middle, goal = (points.mean(axis=-2, keepdims=True) for points in (source, target))
     a, b = (source - middle) * flip, target - goal
@@ -101,14 +105,6 @@ def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Ar
     c, s = np.cos(angle), np.sin(angle)
     rotation = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2) * flip
     return rotation, goal[..., 0, :] - (rotation @ middle[..., 0, :, None])[..., 0]
-
-
-def _spatial_motion(source: Array, target: Array) -> tuple[Array, Array]:
-    from scipy.spatial.transform import Rotation
-
-    middle, goal = source.mean(axis=0), target.mean(axis=0)
-    rotation = Rotation.align_vectors(target - goal, source - middle)[0].as_matrix()
-    return rotation, goal - rotation @ middle
 
 
 def scaled_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Array, Array, Array]:

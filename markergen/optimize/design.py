@@ -765,7 +765,13 @@ def _made(task: _Task, layout: _Layout, gap: Gap, seconds: float) -> Design:
     """Make the marker, and check it."""
     spec, setting, dots, points = task.spec, task.setting, task.dots, layout.points
     table = compare(points, task.region, setting, spec.seed, layout.others)
-    _check_homography(table["design"], spec)
+    if np.isinf(table["design"].get("homography_px", 0.0)):
+        # It determines a pose, but detection and others start from a homography.
+        raise InputError(
+            "a layout that determines a homography",
+            f"all dots but one on a line, where {spec.objective} is best",
+            f"use --objective homography, or --n {spec.n + 1} or more",
+        )
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
     if dots.diameter:
@@ -831,16 +837,6 @@ def upright(
     most = float(objective(points[None])[0]) * (1 + UPRIGHT)
     best = (candidates[i] for i in np.argsort(values, kind="stable") if values[i] <= most)
     return next((candidate for candidate in best if allowed is None or allowed(candidate)), points)
-
-
-def _check_homography(row: Criteria, spec: Spec) -> None:
-    """Refuse a layout that determines a pose but no homography, which detection and others start from."""
-    if np.isinf(row.get("homography_px", 0.0)):
-        raise InputError(
-            "a layout that determines a homography",
-            f"all dots but one on a line, where {spec.objective} is best",
-            f"use --objective homography, or --n {spec.n + 1} or more",
-        )
 
 
 def _effort(seconds: float) -> str:

@@ -12,7 +12,6 @@ from markergen.arrays import Array
 from markergen.bounds.confusion.perspective import LabelSafety
 from markergen.errors import InputError
 from markergen.model.marker import Marker, build_marker
-from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
@@ -60,7 +59,9 @@ def provenance_of(spec: Spec, setting: Setting, dots: str, table: Mapping[str, C
     """How a marker was designed: the spec, the poses of the setting, what explains its dots, and its criteria."""
     import scipy
 
-    stored = _stored(spec, setting.poses).as_dict()
+    # Of a file with too many poses, only those that the marker was designed for are stored.
+    many, seen = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT, setting.poses
+    stored = (replace(spec, poses=seen) if many and isinstance(seen, RecordedPoses) else spec).as_dict()
     return {
         "spec": stored,
         "spec_hash": spec.hash,
@@ -75,12 +76,6 @@ def provenance_of(spec: Spec, setting: Setting, dots: str, table: Mapping[str, C
             for name, row in table.items()
         },
     }
-
-
-def _stored(spec: Spec, seen: PoseDistribution) -> Spec:
-    """Spec as stored in marker.json: of a file with too many poses, only those that the marker was designed for."""
-    too_many = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT
-    return replace(spec, poses=seen) if too_many and isinstance(seen, RecordedPoses) else spec
 
 
 def members(marker: Marker, spec: Spec, ids: Sequence[int]) -> tuple[Marker, ...]:

@@ -264,7 +264,9 @@ def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]], width: int
         first = 0 if alone else max(least[0], min(natural[0], room // 3))
         most = room - first - len(_BETWEEN)
         wishes = [max(low, min(wish, most)) for wish, low in zip(natural, least, strict=True)]
-        groups = _in_few_groups([first, *wishes[1:]], room)
+        # As few groups as fit, about equally wide.
+        few = len(_groups(widths := [first, *wishes[1:]], room))
+        groups = next(groups for least in range(room + 1) if len(groups := _groups(widths, least)) <= few)
         bands = groups if alone else [[0, *group] for group in groups]
     lines: list[str] = []
     for band in bands:
@@ -289,12 +291,6 @@ def _total(widths: Sequence[int]) -> int:
 
 def _longest_word(text: str) -> int:
     return max(map(cells, _words(text)), default=0) + len(text) - len(text.lstrip())
-
-
-def _in_few_groups(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return the columns after the first one in as few groups as fit beside it, about equally wide."""
-    few = _groups(widths, room)
-    return next(groups for least in range(room + 1) if len(groups := _groups(widths, least)) <= len(few))
 
 
 def _groups(widths: Sequence[int], room: int) -> list[list[int]]:

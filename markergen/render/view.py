@@ -143,7 +143,10 @@ def painted_body(body: Body, patches_of: PatchesOf, camera: Camera, rotation: Ar
             ground, *content = _painted_plate(body.plates[k], k, patches_of, camera, rotation, translation)
             grounds.append(ground)
             contents += content
-        layers += _joined(grounds) + contents
+        # Grounds do not overlap, and are painted as one: an edge between two of them shows nothing of what is behind.
+        below = max((level for level, _ in grounds), default=SUBSTRATE)
+        layers.append((below, tuple(outline for _, outlines in grounds for outline in outlines)))
+        layers += [ground for ground in grounds if ground[0] != below] + contents
     return layers
 
 
@@ -157,13 +160,6 @@ def _painted_plate(
         return painted(patches, camera, *pose)
     back = Patch(tuple(outline @ _OVER for outline in patches[0].outlines), SUBSTRATE)
     return painted([back], camera, pose[0] @ _OVER, pose[1])
-
-
-def _joined(grounds: Painted) -> Painted:
-    """Grounds that do not overlap, painted as one: an edge between two of them shows nothing of what is behind."""
-    below = max((level for level, _ in grounds), default=SUBSTRATE)
-    above = [(level, outlines) for level, outlines in grounds if level != below]
-    return [(below, tuple(outline for _, outlines in grounds for outline in outlines)), *above]
 
 
 def photograph(

@@ -281,7 +281,8 @@ def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> 
             f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
             "use a --corner-radius, or leave out --chamfer",
         )
-    steps, moved = (_steps(contour) for contour in (outer, offset(outer, chamfer)))
+    rings = (np.array(contour.points) for contour in (outer, offset(outer, chamfer)))
+    steps, moved = (np.roll(ring, -1, axis=0) - ring for ring in rings)
     before = np.hypot(*steps.T)
     # Shortening of each side; a reversed side has negative length.
     lost = before - np.sum(steps * moved, axis=-1) / before
@@ -292,9 +293,9 @@ def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> 
             f"chamfer={format_length(chamfer / 1e3)}",
             f"use --chamfer {np.floor(room * 99) / 100:g}mm, or a corner radius above the chamfer",
         )
-    rings = [flattened(hole, OFF) for hole in holes]
-    if holes and min(Region.of_contour(offset(outer, chamfer), (), OFF).clearance(rings)) < 2 * OFF:
-        land = float(min(Region.of_contour(outer, (), OFF).clearance(rings)))
+    inside = [flattened(hole, OFF) for hole in holes]
+    if holes and min(Region.of_contour(offset(outer, chamfer), (), OFF).clearance(inside)) < 2 * OFF:
+        land = float(min(Region.of_contour(outer, (), OFF).clearance(inside)))
         # At a corner that turns right, the chamfer reaches farther in than its width.
         most = np.floor(land * np.cos(min(0.0, *turns_of(outer)) / 2) * 99) / 100
         raise InputError(
@@ -302,8 +303,3 @@ def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> 
             f"chamfer={format_length(chamfer / 1e3)}, and a hole {land:.4g} mm from the edge",
             f"{f'use --chamfer {most:g}mm' if most else 'leave out --chamfer'}, or move the hole inward",
         )
-
-
-def _steps(contour: Contour) -> Array:
-    corners = np.array(contour.points)
-    return np.roll(corners, -1, axis=0) - corners

@@ -282,7 +282,9 @@ def _objective(layout: Sketch) -> dict[str, Any]:
     key = room, region.diameter
     if key not in _KNOWN:
         layouts = comparison_layouts(region, room.n, room.seed, layout.setting).get("ngon", np.zeros((0, room.n, 2)))
-        polygon = float(objective(_raised(layouts, spec))[0]) if len(layouts) else np.inf
+        # At height 0, if the spec has a relief.
+        layouts = np.pad(layouts, ((0, 0), (0, 0), (0, 1))) if spec.relief else layouts
+        polygon = float(objective(layouts)[0]) if len(layouts) else np.inf
         _KNOWN[key] = polygon, polygon
         for old in list(_KNOWN)[:-ROOMS]:
             del _KNOWN[old]
@@ -290,11 +292,6 @@ def _objective(layout: Sketch) -> dict[str, Any]:
     _KNOWN[key] = ngon, min(best, np.inf if layout.faults else value)
     every = {"value": value, "ngon": ngon, "best_known": _KNOWN[key][1]}
     return {"name": spec.objective, "unit": unit, **{name: factor * number for name, number in every.items()}}
-
-
-def _raised(layouts: Array, spec: Spec) -> Array:
-    """Flat layouts (B, n, 2) as those of the spec are, at height 0 if it has a relief."""
-    return np.pad(layouts, ((0, 0), (0, 0), (0, 1))) if spec.relief else layouts
 
 
 def more(options: Any) -> dict[str, Any]:

@@ -99,13 +99,15 @@ class DegreeErrors:
 
         The root of the mean of (error/sigma)^2, which is 1 +- 1/sqrt(2 n) for n views whose covariance is right.
         """
-        ratio, count = [], []
+        from scipy.special import chdtri
+
+        ratio, count, tail = [], [], (1 - CONFIDENCE) / 2
         for column in self.degrees.T:
             for rows in parts(column):
                 ratio.append(np.sqrt(np.mean((self.errors[rows] / self.sigma[rows]) ** 2, axis=0)))
                 count.append(len(rows))
         every, views = np.array(ratio), np.array(count)[:, None]
-        low, high = _chi_interval(views)
+        low, high = (np.sqrt(chdtri(views, share) / views) for share in (1 - tail, tail))
         return {
             "count": every.size,
             "least": plain(every.min()),
@@ -129,13 +131,6 @@ class DegreeErrors:
             ]
             for column in self.degrees.T
         ]
-
-
-def _chi_interval(count: Array) -> tuple[Array, Array]:
-    from scipy.special import chdtri
-
-    tail = (1 - CONFIDENCE) / 2
-    return np.sqrt(chdtri(count, 1 - tail) / count), np.sqrt(chdtri(count, tail) / count)
 
 
 def parts(values: Array) -> list[Indices]:

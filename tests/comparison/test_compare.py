@@ -14,7 +14,7 @@ from markergen.comparison.contestants import printed
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
-from markergen.comparison.result import Comparison, comparison_figure, comparison_tables, heading, sentences
+from markergen.comparison.result import Comparison, comparison_figure, heading, sentences
 from markergen.comparison.series import Observation
 from markergen.errors import InputError
 from markergen.model.body_json import to_json as marker_bytes
@@ -26,6 +26,10 @@ VIEWS, MANY = 8, 20
 FAR = "cone:distance=1.3..1.5m,count=20"
 """Poses whose images are small, for what is not about them."""
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5:0.75"]
+
+
+def tables_of(found):
+    return [part for part in Comparison(found).parts() if not isinstance(part, str)]
 
 
 def compare(*arguments, **options):
@@ -192,7 +196,7 @@ def test_each_peer_has_the_best_of_its_settings(results):
         # The others are worse in a part of the views.
         rates = {(row["size"], row["setting"]): row["rate"] for row in peer["tuning"] if row["views"] == 5}
         assert rates[peer["size"], peer["setting"]] >= 0.95 * max(rates.values())
-    (table,) = (part for part in comparison_tables(results.found) if part.title == "Settings")
+    (table,) = (part for part in tables_of(results.found) if part.title == "Settings")
     assert table.rows[0][1:6] == ["0", "-", "-", "-", "-"]
     # A first setting that finds little may well be more accurate in that.
     for row, peer in zip(table.rows[1:], peers, strict=True):
@@ -280,7 +284,7 @@ def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views,
     assert (last["rate"], last["rotation_deg"]["count"], last["ratio"]["rotation_deg"]) == (0, 0, None)
     assert {failure["reason"] for failure in last["failures"]} == {"blind"}
     json_bytes(found)
-    for title, header, rows, caption in comparison_tables(found):
+    for title, header, rows, caption in tables_of(found):
         assert title
         assert isinstance(caption, str)
         assert {len(row) for row in rows} == {len(header)}
@@ -302,7 +306,7 @@ def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch)
 
 def test_tables_name_everyone_and_everything(results):
     found = results.found
-    for _, header, rows, _ in comparison_tables(found):
+    for _, header, rows, _ in tables_of(found):
         assert [row[0] for row in rows] == ["marker.json", *PEERS]
         assert {len(row) for row in rows} == {len(header)}
     assert "400 poses (paper), in a " + sentence("disk", "150 mm") in heading(found)
@@ -319,7 +323,7 @@ def test_the_table_names_rooms_where_they_differ(results):
     assert {entry["room"] for entry in comparison["contestants"]} == {disk}
     first, *others = comparison["contestants"]
     mixed = comparison | {"contestants": [first, *(entry | {"room": small} for entry in others)]}
-    same, differ = (comparison_tables(entries)[0] for entries in (comparison, mixed))
+    same, differ = (tables_of(entries)[0] for entries in (comparison, mixed))
     assert [row[1] for row in differ.rows] == [disk, *[small] * len(others)]
     assert [[row[0], *row[2:]] for row in differ.rows] == same.rows
     assert disk in heading(comparison)

@@ -564,7 +564,10 @@ class _SvgReader:
         elif kind == "use":
             self._use(element, here, name)
         elif here.wanted and is_painted(style):
-            self._shape(element, here, name)
+            look = Paint(style, layers)
+            for piece in self._shapes.pieces(element, name, place.viewport):
+                curves = tuple(curve.mapped(matrix[:2]) for curve in piece.curves)
+                self.pieces.append(OutlinePiece(name, curves, piece.closed, look))
         elif here.wanted and element.get("class") != "BoundingBox":  # LibreOffice has one around each shape.
             self.others.append("shapes without fill and stroke")
         self._refuse_cuts(style, self.pieces[before:], here, name)
@@ -579,12 +582,6 @@ class _SvgReader:
                     break
         if len(element) > 1:
             self.others.append("other branches of a switch")
-
-    def _shape(self, element: Element, place: _Place, name: str) -> None:
-        look = Paint(place.style, place.layers)
-        for piece in self._shapes.pieces(element, name, place.viewport):
-            curves = tuple(curve.mapped(place.matrix[:2]) for curve in piece.curves)
-            self.pieces.append(OutlinePiece(name, curves, piece.closed, look))
 
     def _unread(self, element: Element, place: _Place, kind: str) -> None:
         """Note where visible text, an image or a foreign object is."""

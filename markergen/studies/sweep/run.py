@@ -82,7 +82,7 @@ def run_sweep(
 
 def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | None) -> list[Row]:
     """Rows in the order of the grid."""
-    first = [layout_cell(point) for point in sweep.points]
+    first = [Cell("layout", {"spec": point.spec.as_dict(), "layout": point.layout}) for point in sweep.points]
     # The trials of a layout are known before the layout itself.
     tried = {
         (cell, point.noise_px): TRIAL_SECONDS * TYPICAL_POSES * sweep.runs * len(point.estimators)
@@ -104,11 +104,6 @@ def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | 
 
 def _layout_cost(cell: Cell) -> float:
     return DESIGN_SECONDS if cell.settings["layout"] == "designed" else LAYOUT_SECONDS
-
-
-def layout_cell(point: GridPoint) -> Cell:
-    """Cell of the layout at a point of the grid."""
-    return Cell("layout", {"spec": point.spec.as_dict(), "layout": point.layout})
 
 
 def trials_cell(point: GridPoint, points: Array, runs: int) -> Cell:

@@ -139,7 +139,9 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
         for layer, path in drawing.paths:
             _draw(space, layer, path)
         _inform(space, marker, drawing)
-        low, high = _shown(drawing)
+        # The box of all paths, and of the note below them.
+        points = np.array([point for _, path in drawing.paths for point in _extent(path)])
+        low, high = np.minimum(points.min(axis=0), drawing.box[0] - [0.0, NOTE * _size(drawing)]), points.max(axis=0)
         space.reset_extents((*low, 0.0), (*high, 0.0))
         space.reset_limits(low, high)
         document.set_modelspace_vport(1.1 * float(high[1] - low[1]), tuple((low + high) / 2))
@@ -149,13 +151,6 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
         stream = StringIO()
         document.write(stream)
         return document.encode(stream.getvalue())
-
-
-def _shown(drawing: CutDrawing) -> tuple[Array, Array]:
-    """Corners of the box of all paths, and of the note below them."""
-    points = np.array([point for _, path in drawing.paths for point in _extent(path)])
-    low, high = points.min(axis=0), points.max(axis=0)
-    return np.minimum(low, drawing.box[0] - [0.0, NOTE * _size(drawing)]), high
 
 
 def _size(drawing: CutDrawing) -> float:

@@ -211,8 +211,9 @@ def _sites(body: Body) -> Iterator[Site]:
 
 def _collisions(work: Designed, parts: Sequence[Mesh], visuals: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
-    made, (low, high) = work.made, _box(parts[:1] if work.made.block else parts)
-    size, middle = high - low, (low + high) / 2
+    made = work.made
+    points = np.concatenate([mesh.points for mesh in (parts[:1] if made.block else parts)]) / 1e3
+    size, middle = np.ptp(points, axis=0), (points.min(axis=0) + points.max(axis=0)) / 2
     if work.subject.frame == "marker":
         yield _simple("collision", size, middle, np.eye(3), [plate.is_disk for plate in made.made[0].plates] == [True])
     elif not made.block:
@@ -236,12 +237,6 @@ def _simple(name: str, size: Array, center: Array, rotation: Array, is_round: bo
     if is_round:
         return Collision(name, "cylinder", (size[0] / 2, size[2]), center, rotation)
     return Collision(name, "box", tuple(size), center, rotation)
-
-
-def _box(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
-    """Corners of the bounding box of meshes, m."""
-    points = np.concatenate([mesh.points for mesh in meshes]) / 1e3
-    return points.min(axis=0), points.max(axis=0)
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:

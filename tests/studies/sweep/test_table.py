@@ -6,13 +6,13 @@ import pytest
 from sentences import sentence
 
 from markergen.presentation.tables import csv_bytes
+from markergen.studies.cells import Cell
 from markergen.studies.sweep.grid import KEYS, sweep_from_mapping
 from markergen.studies.sweep.run import (
     ALL,
     COLUMNS,
     DIGITS,
     ERROR,
-    layout_cell,
     mean_square_interval,
     table_columns,
     table_rows,
@@ -28,7 +28,7 @@ FEW = "cone:distance=0.6..1m,tilt=0..60,count=8,seed=1"
 def table_of(sweep):
     found = []
     for point in sweep.points:
-        layout = work(layout_cell(point))
+        layout = work(Cell("layout", {"spec": point.spec.as_dict(), "layout": point.layout}))
         trials = None if ERROR in layout else work(trials_cell(point, layout["points"], sweep.runs))
         found += table_rows(sweep, point, layout, trials)
     return found
