@@ -14,17 +14,17 @@ from docs.damage import page_of_damage
 from markergen.api.shipped import overview
 from markergen.cli.commands import app
 from markergen.cli.options import Help
-from markergen.model.body_json import rig_schema
-from markergen.model.marker_file import VERSIONS, json_schema
+from markergen.model.body_json import RigFile
+from markergen.model.marker_file import SINCE, VERSIONS, MarkerFile
 from markergen.model.shape_file import BoundaryFile, HoleFile
 from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
-from markergen.options.kinds import KINDS
 from markergen.options.shared import PlateKeywords
 from markergen.read.spec_file import CameraTable, ImageNoiseTable
 from markergen.read.templates import template_text
 
 HERE = Path(__file__).parent
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 TEMPLATES = """# Templates
 
@@ -33,6 +33,75 @@ Ready-made specs for common uses, each to be designed as it is or edited. `marke
 file says. Each is designed, rendered, found, validated and exported as it is shipped by `make test-long`; the pictures
 are made by `python -m docs.pictures_of_templates docs/images/templates`.
 """
+
+
+def json_schema(version: int) -> dict[str, Any]:
+    """Return the JSON Schema of one of the `VERSIONS` of marker.json."""
+    schema = MarkerFile.model_json_schema()
+    _without_newer(schema, version)
+    schema["properties"]["version"] = {"const": version, "title": "Version", "type": "integer"}
+    used = set[str]()
+    _collect(schema["properties"], schema["$defs"], used)
+    schema["$defs"] = {name: form for name, form in schema["$defs"].items() if name in used}
+    return {"$schema": DIALECT, **schema}
+
+
+def _without_newer(schema: Any, version: int) -> None:
+    """Remove the keys added after a version, and the newer choices of forms."""
+    newer = {f"#/$defs/{name}" for name, form in schema["$defs"].items() if form.get(SINCE, 1) > version}
+
+    def clean(part: Any) -> None:
+        if isinstance(part, dict):
+            for key, value in list(part.get("properties", {}).items()):
+                if value.get(SINCE, 1) > version:
+                    del part["properties"][key]
+            if "oneOf" in part:
+                part["oneOf"] = [form for form in part["oneOf"] if form.get("$ref") not in newer]
+        for item in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+            clean(item)
+
+    clean(schema)
+
+
+def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:
+    """Collect the names of all forms that a schema refers to, directly or indirectly."""
+    if isinstance(schema, list):
+        for item in schema:
+            _collect(item, forms, used)
+    elif isinstance(schema, dict):
+        name = str(schema.get("$ref", "")).rpartition("/")[2]
+        if name and name not in used:
+            used.add(name)
+            _collect(forms[name], forms, used)
+        for item in schema.values():
+            _collect(item, forms, used)
+
+
+TEXT: dict[str, Any] = {"type": "string"}
+LENGTH: dict[str, Any] = {"type": ["number", "string"]}
+SHAPE: dict[str, Any] = {"anyOf": [TEXT, {"$ref": "#/$defs/Boundary"}]}
+
+
+def _rows_of(item: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of text or rows of items."""
+    return {"anyOf": [TEXT, {"type": "array", "items": {"type": "array", "items": item}}]}
+
+
+SCHEMAS: dict[str, dict[str, Any]] = {
+    **{name: {"type": kind} for name, kind in (("int", "integer"), ("float", "number"), ("bool", "boolean"))},
+    **dict.fromkeys(("str", "poses", "objective"), TEXT),
+    **dict.fromkeys(("length", "length or auto", "length or fit"), LENGTH),
+    "int or auto": {"anyOf": [{"type": "integer"}, {"const": "auto"}]},
+    "texts": {"anyOf": [TEXT, {"type": "array", "items": TEXT}]},
+    "shape": SHAPE,
+    "shapes": {"type": "array", "items": SHAPE},
+    "camera": {"anyOf": [TEXT, {"$ref": "#/$defs/Camera"}]},
+    "covariance": _rows_of({"type": "number"}),
+    "settings": {"anyOf": [TEXT, ImageNoiseTable.model_json_schema()]},
+    "layout": _rows_of(LENGTH),
+    "file": {},
+}
+"""JSON Schemas of kinds of values in a spec file, where lengths are meters or text with a unit."""
 
 
 def spec_schema() -> dict[str, Any]:
@@ -47,7 +116,7 @@ def spec_schema() -> dict[str, Any]:
         definitions |= table.pop("$defs", {})
         definitions[name] = table
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$schema": DIALECT,
         "title": "Spec of a design",
         "description": "What markergen design is asked for; lengths are meters, or text with a unit such as 150mm.",
         "type": "object",
@@ -69,10 +138,7 @@ def spec_schema() -> dict[str, Any]:
 def _described(option: Option) -> dict[str, Any]:
     text = f"{option.help} Default: {option.shown}." if option.shown else option.help
     default = {} if option.default is None else {"default": option.default}
-    schema = KINDS[option.kind].schema
-    if option.kind == "settings":
-        schema = {"anyOf": [{"type": "string"}, ImageNoiseTable.model_json_schema()]}
-    return {**schema, "description": text, **default}
+    return {**SCHEMAS[option.kind], "description": text, **default}
 
 
 def _lengths_as_text(schema: Any) -> Any:
@@ -123,7 +189,7 @@ def page_of_templates() -> str:
 def files() -> dict[str, str]:
     """Return the text of every file that is written, by its name."""
     schemas = {f"marker-v{version}": json_schema(version) for version in VERSIONS}
-    schemas |= {"rig-v1": rig_schema(), "spec": spec_schema()}
+    schemas |= {"rig-v1": {"$schema": DIALECT, **RigFile.model_json_schema()}, "spec": spec_schema()}
     pages = {"cli.md": reference(), "templates.md": page_of_templates(), "damage.md": page_of_damage()}
     return {f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in schemas.items()} | pages
 

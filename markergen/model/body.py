@@ -332,8 +332,3 @@ class Body(ABC):
     def is_convex(self) -> bool:
         """True if no plate stands in front of the plane of another, as on a cube or a wall: no face hides another."""
         return True
-
-    def facing(self, rotation: Array, translation: Array) -> Array:
-        """Cosine (n,) of the angle between each dot's normal and the way to the camera, for a pose T_camera_body."""
-        places = self.xyz @ rotation.T + translation
-        return -np.sum(places * (self.normals @ rotation.T), axis=-1) / np.linalg.norm(places, axis=-1)

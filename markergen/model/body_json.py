@@ -306,8 +306,3 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
         raise InputError(f"a valid rig in {name}", in_one_line(findings), "correct these places")
     relation = None if form.relation_covariance is None else tuple(map(tuple, form.relation_covariance))
     return Rig(tuple(markers), relation, form.provenance, form.extensions)
-
-
-def rig_schema() -> dict[str, Any]:
-    """Return the JSON Schema of rig.json; inline markers follow that of marker.json."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **RigFile.model_json_schema()}

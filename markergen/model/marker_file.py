@@ -350,56 +350,6 @@ def _choices(annotation: Any, tag: str = "") -> Iterator[tuple[str, Form]]:
         yield from _choices(part, tag)
 
 
-def json_schema(version: int) -> dict[str, Any]:
-    """Return the JSON Schema of one version of marker.json.
-
-    Raises
-    ------
-    InputError
-        If there is no such version.
-    """
-    if version not in VERSIONS:
-        raise InputError("a version of marker.json", brief(version), f"known: {', '.join(map(str, VERSIONS))}")
-    schema = MarkerFile.model_json_schema()
-    _without_newer(schema, version)
-    schema["properties"]["version"] = {"const": version, "title": "Version", "type": "integer"}
-    used = set[str]()
-    _collect(schema["properties"], schema["$defs"], used)
-    schema["$defs"] = {name: form for name, form in schema["$defs"].items() if name in used}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def _without_newer(schema: Any, version: int) -> None:
-    """Remove the keys added after a version, and the newer choices of forms."""
-    newer = {f"#/$defs/{name}" for name, form in schema["$defs"].items() if form.get(SINCE, 1) > version}
-
-    def clean(part: Any) -> None:
-        if isinstance(part, dict):
-            for key, value in list(part.get("properties", {}).items()):
-                if value.get(SINCE, 1) > version:
-                    del part["properties"][key]
-            if "oneOf" in part:
-                part["oneOf"] = [form for form in part["oneOf"] if form.get("$ref") not in newer]
-        for item in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
-            clean(item)
-
-    clean(schema)
-
-
-def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:
-    """Collect the names of all forms that a schema refers to, directly or indirectly."""
-    if isinstance(schema, list):
-        for item in schema:
-            _collect(item, forms, used)
-    elif isinstance(schema, dict):
-        name = str(schema.get("$ref", "")).rpartition("/")[2]
-        if name and name not in used:
-            used.add(name)
-            _collect(forms[name], forms, used)
-        for item in schema.values():
-            _collect(item, forms, used)
-
-
 def checked_file(content: Any, name: str) -> MarkerFile:
     """Check the values of a marker.json; raises InputError, which lists the findings."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:

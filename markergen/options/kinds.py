@@ -4,7 +4,7 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -35,8 +35,6 @@ class Kind:
         Parser of text on the command line that typer cannot read itself; raises `InputError`.
     repeatable : bool
         Accepts several values.
-    schema : mapping
-        JSON Schema of the value in a spec file, where lengths are meters or text with a unit; empty if it has none.
     """
 
     name: str
@@ -45,38 +43,19 @@ class Kind:
     typed: Any = str
     parse: Callable[[str], Any] | None = None
     repeatable: bool = False
-    schema: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
 
 KINDS: dict[str, Kind] = {}
 """Kinds by name."""
 
 
-_TEXT: dict[str, Any] = {"type": "string"}
-_TEXTS: dict[str, Any] = {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]}
-_LENGTH: dict[str, Any] = {"type": ["number", "string"]}
-_SHAPE: dict[str, Any] = {"anyOf": [_TEXT, {"$ref": "#/$defs/Boundary"}]}
-
-
-def _rows_of(item: dict[str, Any]) -> dict[str, Any]:
-    """Schema of text or rows of items."""
-    return {"anyOf": [_TEXT, {"type": "array", "items": {"type": "array", "items": item}}]}
-
-
-def _kind(
-    name: str,
-    accepted: str,
-    read: Reader,
-    typed: Any = str,
-    parse: Callable[[str], Any] | None = None,
-    schema: Mapping[str, Any] | None = None,
-) -> Any:
+def _kind(name: str, accepted: str, read: Reader, typed: Any = str, parse: Callable[[str], Any] | None = None) -> Any:
     """Annotation of a new kind."""
-    KINDS[name] = Kind(name, accepted, read, typed, parse, schema=schema or {})
+    KINDS[name] = Kind(name, accepted, read, typed, parse)
     return Annotated[object, KINDS[name]]
 
 
-def _several(name: str, accepted: str, of: Kind, expected: str, schema: Mapping[str, Any] | None = None) -> Any:
+def _several(name: str, accepted: str, of: Kind, expected: str) -> Any:
     """Annotation of a new kind that accepts one or several values of another kind."""
 
     def read_all(value: Any, name: str) -> tuple[Any, ...]:
@@ -86,8 +65,7 @@ def _several(name: str, accepted: str, of: Kind, expected: str, schema: Mapping[
         except InputError:
             raise _wrong(expected) from None
 
-    several = replace(of, name=name, accepted=accepted, read=read_all, typed=list[of.typed], repeatable=True)  # type: ignore[name-defined]
-    KINDS[name] = replace(several, schema=schema or {})
+    KINDS[name] = replace(of, name=name, accepted=accepted, read=read_all, typed=list[of.typed], repeatable=True)  # type: ignore[name-defined]
     return Annotated[object, KINDS[name]]
 
 
@@ -175,7 +153,7 @@ def _length_or(word: str) -> Any:
     def parse(text: str) -> float | str:
         return text if text == word else parse_length(text)
 
-    return _kind(f"length or {word}", "float | str", read, float, parse, _LENGTH)
+    return _kind(f"length or {word}", "float | str", read, float, parse)
 
 
 def _file(value: Any, _: str) -> Path:
@@ -218,13 +196,13 @@ def _thing(expected: str, others: tuple[type, ...] = ()) -> Reader:
     return read
 
 
-for builtin, reader, typed, type_name in (
-    (int, _int, _typed_number(int, "a whole number", "8"), "integer"),
-    (float, _float, _typed_number(float, "a number", "0.5"), "number"),
-    (bool, _bool, None, "boolean"),
-    (str, _str, None, "string"),
+for builtin, reader, typed in (
+    (int, _int, _typed_number(int, "a whole number", "8")),
+    (float, _float, _typed_number(float, "a number", "0.5")),
+    (bool, _bool, None),
+    (str, _str, None),
 ):
-    _kind(builtin.__name__, builtin.__name__, reader, builtin, typed, {"type": type_name})
+    _kind(builtin.__name__, builtin.__name__, reader, builtin, typed)
 
 _OUTLINE = "an outline: a text such as rect:0.2x0.1, a path, or a boundary"
 
@@ -256,37 +234,21 @@ if TYPE_CHECKING:
     Layout = str | PathLike[str] | Sequence[Sequence[float | str]] | NDArray[Any]
 else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind.
-    Length = _kind("length", "float | str", _length, float, parse_length, _LENGTH)
+    Length = _kind("length", "float | str", _length, float, parse_length)
     Duration = _kind("duration", "float | str", lambda value, _: parse_duration(value), str, parse_duration)
     LengthOrAuto, LengthOrFit = _length_or("auto"), _length_or("fit")
-    _AUTO = {"anyOf": [{"type": "integer"}, {"const": "auto"}]}
-    IntOrAuto = _kind("int or auto", "int | str", _int_or_auto, str, _typed_int_or_auto, _AUTO)
+    IntOrAuto = _kind("int or auto", "int | str", _int_or_auto, str, _typed_int_or_auto)
     File = _kind("file", "str | Path", _file, Path)
     Files = _several("files", "str | Path | list[str | Path]", KINDS["file"], "a path, or a list of paths")
-    Texts = _several(
-        "texts",
-        "str | list[str]",
-        KINDS["str"],
-        "a text, or a list of texts",
-        {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},
-    )
-    Shape = _kind("shape", "str | Path | Boundary | dict", _thing(_OUTLINE), schema=_SHAPE)
+    Texts = _several("texts", "str | list[str]", KINDS["str"], "a text, or a list of texts")
+    Shape = _kind("shape", "str | Path | Boundary | dict", _thing(_OUTLINE))
     Shapes = _several(
-        "shapes",
-        "str | Path | Boundary | dict | list[...]",
-        KINDS["shape"],
-        _OUTLINE + ", or a list of them",
-        {"type": "array", "items": _SHAPE},
+        "shapes", "str | Path | Boundary | dict | list[...]", KINDS["shape"], _OUTLINE + ", or a list of them"
     )
     _MARKER = "a marker, a path, or a dictionary"
     MarkerLike = _kind("marker", "Marker | str | Path | dict", _thing(_MARKER))
     TargetLike = _kind("marker or rig", "Marker | Rig | str | Path | dict", _thing(_MARKER))
-    CameraLike = _kind(
-        "camera",
-        "Camera | str | Path | dict",
-        _thing("a camera, a path, or a dictionary"),
-        schema={"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
-    )
+    CameraLike = _kind("camera", "Camera | str | Path | dict", _thing("a camera, a path, or a dictionary"))
     Poses = _kind(
         "poses",
         "str | Path | Poses | array | pairs | DataFrame | callable",
@@ -295,14 +257,12 @@ else:
             "DataFrame, or a function of a generator",
             (list, tuple, zip, FunctionType, MethodType),
         ),
-        schema=_TEXT,
     )
     ObjectiveLike = _kind(
         "objective",
         "str | callable | Objective subclass",
         _thing("an objective: a name, a function of points and view, or a subclass of Objective", (FunctionType, type)),
-        schema=_TEXT,
     )
-    Covariance = _kind("covariance", "str | Path | array", _covariance, Path, schema=_rows_of({"type": "number"}))
+    Covariance = _kind("covariance", "str | Path | array", _covariance, Path)
     Settings = _kind("settings", "str | dict", _settings)
-    Layout = _kind("layout", "str | Path | array", _layout, schema=_rows_of(_LENGTH))
+    Layout = _kind("layout", "str | Path | array", _layout)

@@ -66,9 +66,10 @@ def photographed(rig, rng, count, freedom=None):
 
 def errors_of(found, truth):
     """Errors (w, dt) of the markers' poses in the rig frame, once the truth is moved to the frame of the result."""
-    from markergen.calibration.relation import _as_designed, _poses_of
+    from markergen.calibration.relation import _as_designed
 
-    (turns, shifts), _ = _as_designed(CUBE, _poses_of(truth), np.zeros((36, 36)))
+    poses = np.array([plate.rotation_matrix for plate in truth.plates]), np.array([p.translation for p in truth.plates])
+    (turns, shifts), _ = _as_designed(CUBE, poses, np.zeros((36, 36)))
     return np.concatenate(
         [
             np.r_[logarithm(each.rotation_matrix @ turn.T), each.translation_vector - shift]

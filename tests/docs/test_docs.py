@@ -8,9 +8,9 @@ import pytest
 import typer
 
 from docs.blocks import pages
-from docs.generate import files
+from docs.generate import files, json_schema
 from markergen.cli.commands import app
-from markergen.model.marker_file import VERSIONS, json_schema
+from markergen.model.marker_file import VERSIONS
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sentences import sentence
 
+from docs.generate import json_schema
 from markergen.errors import InputError
 from markergen.model.body_json import from_json, load_marker_or_rig, load_rig, read_marker, to_json
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.marker_file import json_schema
 from markergen.model.substrate import Hole, Substrate, parse_dowel
 from markergen.model.tag import Tag
 

@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sentences import sentence
 
+from docs.generate import json_schema
 from markergen.errors import InputError
 from markergen.guard import KINDS
 from markergen.model.body_json import from_json, load_rig, read_marker, rig_to_json, to_json
 from markergen.model.feature import Feature
 from markergen.model.marker import JointCovariance, MeasuredSize
-from markergen.model.marker_file import SINCE, VERSIONS, checked_file, json_schema
+from markergen.model.marker_file import SINCE, VERSIONS, checked_file
 from markergen.model.rig import Rig
 
 DATA = Path(__file__).parent / "data"

@@ -69,7 +69,8 @@ def test_a_steep_dot_counts_if_its_short_axis_is_long_enough(tilt, distance):
     seen = disks_in_view(marker.xyz, np.full(4, 0.03), PAPER_CAMERA, poses, 2.5)
     for pose, row in zip(zip(poses.rotation, poses.translation, strict=True), seen, strict=True):
         _, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, *pose, np.full(4, 0.03))
-        facing = marker.facing(*pose)
+        places = marker.xyz @ pose[0].T + pose[1]
+        facing = -places @ pose[0][:, 2] / np.linalg.norm(places, axis=-1)
         large = (2 * np.sqrt(semi.prod(axis=-1)) >= 2.5) & ((facing >= TRIED_FACING) | (2 * semi[:, 1] >= NARROWEST_PX))
         assert row.tolist() == (large & (facing > LEAST_FACING)).tolist()
 
