@@ -86,7 +86,10 @@ def write_all(files: Mapping[Path, bytes]) -> None:
             replaced[target] = before
     except OSError as error:
         for done, before in replaced.items():
-            _restore(done.resolve(), before)
+            if before is None:
+                done.resolve().unlink(missing_ok=True)
+            else:
+                _stage(done.resolve(), before).replace(done.resolve())
         reason = error.strerror or str(error)
         raise _cannot_write(target, reason) from error
     finally:
@@ -231,13 +234,6 @@ def put_in_place(temporary: Path, path: Path) -> None:
 def _open_up(temporary: Path, target: Path) -> None:
     # mkstemp makes files private; an output gets the default mode of a new file, or keeps its own.
     temporary.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
-
-
-def _restore(target: Path, before: bytes | None) -> None:
-    if before is None:
-        target.unlink(missing_ok=True)
-    else:
-        _stage(target, before).replace(target)
 
 
 def _umask() -> int:

@@ -222,7 +222,8 @@ def _fulfilled(request: "Request", json: File | None, progress: Progress | None,
             else file
             for file in files
         ]
-    unit = _label(request.spec)
+    lead, *more = parse_goal(request.spec.objective).terms
+    unit = ", ".join(filter(None, (request.spec.objective, "" if more else OBJECTIVES[lead[1]].unit)))
     movie = Movie(result.trace, result.setting, result.dots.diameter, unit)
     steps = {
         path: (movie.svg() if suffix == ".svg" else movie.mp4())
@@ -511,9 +512,3 @@ def _named_in(values: Mapping[str, Any]) -> list[Any]:
         several = values.get(key)
         named += several if isinstance(several, list) else [several]
     return named
-
-
-def _label(spec: Spec) -> str:
-    goal = parse_goal(spec.objective)
-    unit = OBJECTIVES[goal.lead].unit if len(goal.terms) == 1 else ""
-    return f"{spec.objective}, {unit}" if unit else spec.objective

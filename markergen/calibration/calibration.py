@@ -631,7 +631,7 @@ def _result(
         raise error
     relation, source, first = None, adjustment, int(adjustment.network.marker[0])
     if body is not None or len(choices) > 1:
-        moment, names = sightings.moment[cleaned.used], [sightings.photos[k] for k in photo]
+        moment, names = sightings.moments[photo], [sightings.photos[k] for k in photo]
         relation = relate(body, adjustment, moment, knowledge.print_sigma, tuple(choices), names)
         relation = replace(relation, scale_sigma=knowledge.errors.left(designs[first], adjustment.network, first))
         # Photographs of one moment tell of the cameras, too, unless they were not taken at once.

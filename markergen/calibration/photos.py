@@ -103,11 +103,6 @@ class PhotographedDots:
         if self.moments is None:
             object.__setattr__(self, "moments", np.arange(len(self.photos)))
 
-    @property
-    def moment(self) -> Indices:
-        """Moment (v,) of each view."""
-        return self.moments[self.photo]
-
 
 @dataclass(frozen=True, eq=False)
 class Labeled:

@@ -15,7 +15,7 @@ scale serves the poses that see it whole, up to a little beyond the farthest tha
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby, pairwise
+from itertools import groupby, pairwise, permutations
 from math import ceil, inf, log
 from time import perf_counter
 
@@ -43,7 +43,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import Carrier, Sight, TraceObjective
-from markergen.objectives.criteria import Criteria, columns
+from markergen.objectives.criteria import columns
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.pose import PoseCovarianceObjective
 from markergen.optimize.certificate import Certificate, Room, candidates_of, certify_rooms
@@ -465,7 +465,10 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     clearance = min(scale.region.clearance for scale in scales)
     marker = Marker(tuple(control_points), spec.boundary, clearance, keep_outs=spec.keep_outs, substrate=spec.substrate)
     check(points, spec.boundary, spec.blocked, diameters, clearance)
-    _check_figures(scales)
+    for first, second in permutations(scales, 2):
+        # One of them could be taken for dots of the other, key ring on key ring.
+        if likeness(first.points, second.points) < ALIKE:
+            raise RuntimeError(f"constellations of {first.diameter} and {second.diameter} m are alike")
     problem, covered = pad_problem(spec, poses), coverage(marker, spec.camera, poses)
     information = dot_information(covered, spec.camera, spec.image_noise, spec.print_sigma).sum(axis=1)
     pose = np.full((len(poses), 6, 6), np.inf)
@@ -477,7 +480,10 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     noise_text = str(noise).replace(f" of {format_length(scales[0].diameter)} dots", "")
     counts = [f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales]
     sizes = ", ".join(counts)
-    row = _criteria(pose[served], poses.taken(served, 0))
+    # Bounds of rotation and translation, RMS over the poses that are served.
+    seen, bounds = poses.taken(served, 0), {each.key: each.bound for each in columns().values() if each.bound}
+    total = aggregate_of("rms", seen.weight)
+    row = {key: float(total(bound(pose[served][None], seen), 0.0)[0][0]) for key, bound in bounds.items()}
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)
     marker = replace(marker, provenance=provenance_of(settled, setting, f"{sizes}, for {noise_text}", {"design": row}))
     goal = f"{spec.objective} {problem.spec.aggregate} of {error_words(spec, value)} for {noise_text}"
@@ -550,24 +556,3 @@ def _planned(marker: Marker, covered: Coverage, spec: Spec) -> PlannedError:
     measured = float(rms(MEASURED_SIGMA)[0]) if sources.print_sigma > MEASURED_SIGMA else None
     farthest = float(poses.distance[covered.served].max())
     return PlannedError(float(rotation), 1e3 * float(translation), farthest, measured, ErrorSources().exact)
-
-
-def _criteria(pose: Array, poses: PoseDistribution) -> Criteria:
-    """Bounds of rotation and translation for covariances (P, 6, 6), RMS over the poses."""
-    total = aggregate_of("rms", poses.weight)
-    bounds = {criterion.key: criterion.bound for criterion in columns().values() if criterion.bound}
-    return {key: float(total(bound(pose[None], poses), 0.0)[0][0]) for key, bound in bounds.items()}
-
-
-def _check_figures(scales: Sequence[Block]) -> None:
-    """Refuse scales of which one could be taken for another.
-
-    Raises
-    ------
-    RuntimeError
-        If a layout is nearly an affine image of dots of another one, key ring on key ring.
-    """
-    for first in scales:
-        for second in scales:
-            if first is not second and likeness(first.points, second.points) < ALIKE:
-                raise RuntimeError(f"constellations of {first.diameter} and {second.diameter} m are alike")

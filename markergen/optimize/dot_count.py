@@ -184,7 +184,11 @@ def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
             tried = forecaster.refined(forecasts[(low + high) // 2])
         except Ended:
             break
-        if tried.value <= NEAR_BEST * least.value and _safe(tried, Setting(spec.boundary, spec.camera, poses), spec):
+        # The nearest rival labelings of many dots exchange two neighbors: images that do not run together decide these.
+        setting = Setting(spec.boundary, spec.camera, poses)
+        if tried.value <= NEAR_BEST * least.value and (
+            tried.n > MANY or layout_safety(tried.points, setting, not spec.asymmetric).is_decided
+        ):
             high, chosen = tried.n, tried
         else:
             low = tried.n + 1
@@ -247,14 +251,6 @@ def at_a_glance(spec: Spec, poses: PoseDistribution, sources: ErrorSources) -> "
     objective = spec.objective if usual else "pose"
     asked = replace(spec, points=(), dot="auto", noise_model="image", objective=objective, aggregate="")
     return Forecaster(asked, poses, sources, count=POSES_AT_A_GLANCE)
-
-
-def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
-    """Whether the detector decides the labels from every pose.
-
-    The nearest rival labelings of many dots exchange two neighbors: images that do not run together decide these.
-    """
-    return forecast.n > MANY or layout_safety(forecast.points, setting, not spec.asymmetric).is_decided
 
 
 class Forecaster:

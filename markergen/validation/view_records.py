@@ -115,11 +115,6 @@ class Record:
         """Translation error of the detector's pose."""
         return float(1e3 * np.linalg.norm(self.pose_error[3:]))
 
-    @property
-    def best_alone(self) -> int | None:
-        """Position of the plate whose own pose claims the least error; None if none was found by itself."""
-        return int(self.plate_sigma_deg.argmin()) if len(self.plates) else None
-
 
 def record(series: SyntheticViews[Any], view: View) -> Record:
     """Compare a view with the truth."""
@@ -252,7 +247,7 @@ def _rig_summary(records: list[Record], budget: PoseBudget) -> dict[str, Any]:
     Flips of plates are of all that were found by themselves.
     """
     kept = [record for record in records if record.detected]
-    both = [(record, best) for record in kept if (best := record.best_alone) is not None]
+    both = [(record, int(record.plate_sigma_deg.argmin())) for record in kept if len(record.plates)]
     at = np.array([record.pose for record in kept], dtype=np.intp)
     points = _joined((record.error for record in kept), 2)
     flips = np.concatenate([np.zeros(0, dtype=bool), *(record.plate_flipped for record in kept)])

@@ -171,8 +171,10 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         findings += extras(dots, explained_dots, here[0].motion, holes)
     hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, dots_on_page(reading.pages[0], expected), tolerance)]
-    if len(verdicts) > 1:
-        verdicts = _own_tags(verdicts)
+    if len(verdicts) > 1 and not all("tag" in verdict.kinds for verdict in verdicts):
+        # One has the right tag: others are those of a family of markers on one sheet.
+        kept = [tuple(f for f in verdict.findings if not f.sentence.endswith(ABSENT)) for verdict in verdicts]
+        verdicts = [replace(verdict, findings=findings) for verdict, findings in zip(verdicts, kept, strict=True)]
     if reading.alone and len(verdicts) > 1:
         findings.append(Finding("twice", f"the marker is there {len(verdicts)} times", "leave one of them"))
     worst = max(verdicts, key=lambda verdict: np.nan_to_num(verdict.largest, nan=np.inf))
@@ -197,14 +199,6 @@ def with_tag(verdict: Verdict, tag: Tag | None, factor: tuple[float, float], pag
         return verdict
     errors = tag_findings(tag, page, verdict.motion._replace(factor=factor), 1e3 * tolerance)
     return replace(verdict, findings=(*verdict.findings, *errors))
-
-
-def _own_tags(verdicts: list[Verdict]) -> list[Verdict]:
-    """Accept other tags on the copies if one has the right tag: a family of markers on one sheet."""
-    if all("tag" in verdict.kinds for verdict in verdicts):
-        return verdicts
-    kept = [tuple(f for f in verdict.findings if not f.sentence.endswith(ABSENT)) for verdict in verdicts]
-    return [replace(verdict, findings=findings) for verdict, findings in zip(verdicts, kept, strict=True)]
 
 
 # --- Sheets of several plates -----------------------------------------------------------------------------------------

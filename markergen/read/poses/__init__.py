@@ -177,6 +177,6 @@ def _reading_of(name: str, data: bytes, convention: PoseConvention) -> tuple[Rec
     frame, axes = settled_frame(convention, raw, file.stated, file.name)
     numbers = marker_in_camera(raw.numbers, frame, axes, convention.camera_in_body)
     body = [] if convention.camera_in_body is None else convention.camera_in_body.tolist()
-    convention_text = repr((convention.frame, convention.axes, convention.unit, body)) if convention.is_stated else ""
-    digest = hashlib.sha256(data + convention_text.encode()).hexdigest()
+    stated = convention.frame, convention.axes, convention.unit, body
+    digest = hashlib.sha256(data + (repr(stated) if any(stated) else "").encode()).hexdigest()
     return RecordedPoses.of(numbers, file.name, digest), kind, frame, axes

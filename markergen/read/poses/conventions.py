@@ -8,7 +8,7 @@ or contradicts the format, is refused; body frames are asked about, never assume
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -65,11 +65,6 @@ class PoseConvention:
         if (self.frame == BODY) != (self.camera_in_body is not None):
             alone = "--camera-in-body alone" if self.frame != BODY else "--poses-frame body alone"
             raise InputError("--poses-frame body with --camera-in-body FILE", alone, "give both, or neither")
-
-    @property
-    def is_stated(self) -> bool:
-        """True if a user states anything."""
-        return any(getattr(self, field.name) is not None for field in fields(self))
 
 
 # --- Columns ----------------------------------------------------------------------------------------------------------
