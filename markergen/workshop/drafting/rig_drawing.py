@@ -90,7 +90,7 @@ TURNS = 48
 
 FRAME = (
     "Rig frame: origin and axes as drawn in the main view. Each marker has a frame of its own: x to the right, y up "
-    "and z out of its face as its sheet shows it; the table tells where its origin is in the rig frame, and where its "
+    "and z out of its face as its sheet shows it; the table gives its origin in the rig frame, and where its "
     "axes point."
 )
 EXACT = "Places and directions in the table of faces are theoretically exact."

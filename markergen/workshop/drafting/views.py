@@ -161,7 +161,7 @@ def best_on_paper(options: SheetOptions, draw: Callable[[Frame, bool], P | None]
         For the error if no paper holds it: what is drawn, and what paper to use.
     """
     best: P | None = None
-    papers = _papers(options)
+    papers = usual_papers(options)
     for size in papers:
         frame = options.frame(size)
         roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
@@ -175,7 +175,7 @@ def best_on_paper(options: SheetOptions, draw: Callable[[Frame, bool], P | None]
     return best
 
 
-def _papers(options: SheetOptions) -> list[Paper]:
+def usual_papers(options: SheetOptions) -> list[Paper]:
     """Papers to try, in this order: those that are usual, or the one that is asked for."""
     if options.paper is not None:
         paper = find_paper(options.paper, options.orientation)

@@ -7,10 +7,11 @@ columns. Words are text in embedded fonts, so that they can be searched and copi
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
+from itertools import product
 from math import ceil
 from typing import Any
 
-from markergen.drawing.paper import Frame, SheetOptions
+from markergen.drawing.paper import Frame, Paper, SheetOptions
 from markergen.drawing.scene import BLACK, GRAY, LIGHT, Box, Shape, bounds, union
 from markergen.drawing.text import FACES, font_size, text_width, written
 from markergen.errors import InputError
@@ -26,8 +27,11 @@ from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpi
 from markergen.workshop.drafting.pen import THIN, Lettering, Style, scale_words
 from markergen.workshop.drafting.rig_drawing import RigWork, face_works, in_common, rig_page, rig_work
 from markergen.workshop.drafting.title_block import drawing_title_block
-from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page
+from markergen.workshop.drafting.views import FrontPage, drawing_area, front_page, usual_papers
 from markergen.workshop.formats.solids import solid_notes
+
+HALF = 0.6
+"""Part of its columns that a last page has to fill: at 0.5, a page of three columns still looks half empty."""
 
 COLUMN = 125.0
 """Minimum column width in mm on A4: that of a table with six columns of numbers."""
@@ -40,9 +44,6 @@ SPACE = 5.0
 
 DENSITIES = (1.4, 1.2, 1.1, 1.0, 0.93, 0.86, 0.8)
 """Sizes of text and sections to try, relative to the usual one, so that no page is nearly empty."""
-
-LEVELS = (0.6, 0.7, 0.8, 0.9)
-"""Parts of a page to fill, so that what is left for the last one is not much less than on others."""
 
 
 def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -67,8 +68,7 @@ def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tu
     whole = rig_work(rig, options.fabrication, made)
     faces = in_common(works, whole.notes) if made.block else None
     parts = [sheets_of_rig(whole, faces, options.sheet)]
-    parts += [Sheets(work.block, front_page(work, options.sheet), [[]]) if faces else sheets_of(work, options.sheet)
-              for work in works]  # fmt: skip
+    parts += [sheets_of(work, options.sheet, not faces) for work in works]
     name = rig_name(rig)
     data = write_sheets(parts, name, f"Fabrication sheets of a rig: {parts[0].block.title}.")
     pages = sum(len(sheets.pages) for sheets in parts)
@@ -110,10 +110,11 @@ class Sheets:
     moved: float = 0.0
 
 
-def sheets_of(work: Workpiece, options: SheetOptions) -> Sheets:
-    """Lay a drawing out on pages; raises as `write_fabrication_sheet` does."""
+def sheets_of(work: Workpiece, options: SheetOptions, described: bool = True) -> Sheets:
+    """Lay a drawing out on pages, with or without what describes it; raises as `write_fabrication_sheet` does."""
     _embed_fonts()
-    return _sheets(work.block, front_page(work, options), lambda *room: _blocks(work, *room))
+    front = front_page(work, options)
+    return _sheets(work.block, front, lambda grid: _blocks(work, grid) if described else [], options)
 
 
 def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions) -> Sheets:
@@ -121,27 +122,28 @@ def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions)
     _embed_fonts()
     front = rig_page(work, options)
 
-    def blocks(width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
-        # The first table, of the faces, is as wide as the page.
-        rooms = [(columns, columns * width + (columns - 1) * gap), *[(1, width)] * (len(work.tables) - 1)]
-        tables = [
-            replace(_measured(_table(piece, room, style), room), span=span)
-            for table, (span, room) in zip(work.tables, rooms, strict=True)
-            for piece in _split(table, room, height, style)
-        ]
+    def blocks(grid: _Grid) -> list[_Item]:
+        # The first table, of the faces, may be as wide as the page.
+        tables = []
+        for k, table in enumerate(work.tables):
+            width = grid.span(1 if k else grid.count)
+            for piece in _split(table, width, grid.height, grid.style):
+                block = _measured(_table(piece, width, grid.style), width)
+                tables.append(replace(block, span=ceil(grid.holds(block.width) - 1e-9)))
         if faces is not None:
-            return [*tables, *_blocks(faces, width, height, style, columns, gap)]
-        return [*tables, *_notes(work.notes, width, height, style)]
+            return [*tables, *_blocks(faces, grid)]
+        return [*tables, *_notes(work.notes, grid.width, grid.height, grid.style)]
 
-    return _sheets(work.block, front, blocks)
+    return _sheets(work.block, front, blocks, options)
 
 
-def _sheets(block: TitleBlock, front: FrontPage, blocks: "Blocks") -> Sheets:
+def _sheets(block: TitleBlock, front: FrontPage, blocks: "Blocks", options: SheetOptions) -> Sheets:
     """Lay blocks out beside the views of the first page and on further ones."""
-    area, ink = drawing_area(front.frame), union(*map(bounds, front.shapes))
+    area, ink, paper = drawing_area(front.frame), union(*map(bounds, front.shapes)), front.frame.paper
     moved = area[0] - ink[0]
-    pages = _best_pages(blocks, front.frame, (ink[2] + moved, *area[1:]))
-    return Sheets(block, front, pages, moved if pages[0] else 0.0)
+    smaller = [size for size in usual_papers(options) if size.width * size.height < paper.width * paper.height]
+    pages = _best_pages(blocks, front.frame, (ink[2] + moved, *area[1:]), smaller)
+    return Sheets(block, front, pages, moved if pages[0].blocks else 0.0)
 
 
 def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
@@ -150,10 +152,10 @@ def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
     canvas = bare_canvas(buffer, name, about)
     number, count = 0, sum(len(sheets.pages) for sheets in parts)
     for sheets in parts:
-        frame = sheets.front.frame
-        size, scale = page_size(frame.paper), scale_words(sheets.front.scale)
+        scale = scale_words(sheets.front.scale)
         for k, page in enumerate(sheets.pages):
             number += 1
+            size = page_size(page.frame.paper)
             canvas.setPageSize(size)
             canvas.setTrimBox([0.0, 0.0, *size])
             if k == 0:
@@ -161,8 +163,8 @@ def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
                 canvas.translate(*_points(sheets.moved, 0.0))
                 _draw(canvas, sheets.front.shapes)
                 canvas.restoreState()
-            _draw(canvas, drawing_title_block(sheets.block, frame, scale, number, count, k == 0))
-            for block, left, top in page:
+            _draw(canvas, drawing_title_block(sheets.block, page.frame, scale, number, count, k == 0))
+            for block, left, top in page.blocks:
                 y = top
                 for part, height, space in block.parts:
                     part.drawOn(canvas, *_points(left, y - height))
@@ -174,9 +176,10 @@ def write_sheets(parts: Sequence[Sheets], name: str, about: str) -> bytes:
 
 @dataclass(frozen=True)
 class _Item:
-    """Flowables that stay together, each with its height and the space after it, mm; and how many columns they take."""
+    """Flowables that stay together, with their heights and the spaces after them, their width, and columns to take."""
 
     parts: tuple[tuple[Any, float, float], ...]
+    width: float
     span: int = 1
 
     @property
@@ -185,68 +188,119 @@ class _Item:
         return sum(height + space for _, height, space in self.parts) - self.parts[-1][2]
 
 
-_Page = list[tuple[_Item, float, float]]
-"""Blocks of a page with the left and upper ends of each, mm."""
-
-
 @dataclass
 class _Column:
-    """Column of a page by its number there, with its ends, and how much of it is filled, mm."""
+    """Column of a page, with its ends, and how much of it is filled, mm."""
 
-    page: int
-    number: int
+    left: float
     bottom: float
     top: float
     filled: float = 0.0
 
-    def holds(self, height: float, spare: float) -> bool:
-        """True if there is room for a block, with something to spare unless it is the first."""
-        return self.filled + height + (spare if self.filled else 0.0) <= self.top - self.bottom
+
+@dataclass(frozen=True)
+class _Grid:
+    """Columns of full pages: their number, width, height and gap, mm, and how many of them the back takes."""
+
+    style: Style
+    count: int
+    width: float
+    height: float
+    gap: float
+    back: int
+
+    def span(self, count: int) -> float:
+        """Width of columns side by side."""
+        return count * (self.width + self.gap) - self.gap
+
+    def holds(self, width: float) -> float:
+        """How many columns side by side are that wide."""
+        return (width + self.gap) / (self.width + self.gap)
 
 
-Blocks = Callable[[float, float, Style, int, float], list[_Item]]
-"""Makes blocks for columns of a width and height, in a style, of their number, and with a gap between them, in mm."""
+class _Page:
+    """Page with columns from the left end of a box on, as many as fit, and blocks in them; lengths in mm.
+
+    Attributes
+    ----------
+    blocks : list of (item, left, top)
+    """
+
+    def __init__(self, frame: Frame, box: Box, grid: _Grid) -> None:
+        self.frame, self.grid = frame, grid
+        left, bottom, right, top = box
+        starts = (left + grid.span(k) + grid.gap for k in range(int(grid.holds(right - left) + 1e-9)))
+        self.columns = [_Column(start, bottom, top) for start in starts]
+        self.blocks: list[tuple[_Item, float, float]] = []
+
+    def takes(self, block: _Item) -> bool:
+        """Put a block into the first columns side by side that have room for it."""
+        runs = (self.columns[k : k + block.span] for k in range(len(self.columns) + 1 - block.span))
+        run = next((run for run in runs if all(c.filled + block.height <= c.top - c.bottom for c in run)), None)
+        if run:
+            self.put(block, run)
+        return run is not None
+
+    def put(self, block: _Item, columns: Sequence[_Column]) -> None:
+        """Put a block below what columns side by side have."""
+        filled = max(column.filled for column in columns)
+        self.blocks.append((block, columns[0].left, columns[0].top - filled))
+        for column in columns:
+            column.filled = filled + block.height + SPACE * self.grid.style.scale
+
+    @property
+    def filled(self) -> float:
+        """Part of the page's columns that is filled."""
+        return sum(column.filled / (column.top - column.bottom) for column in self.columns) / len(self.columns)
+
+    def on(self, frame: Frame) -> "_Page | None":
+        """The same blocks on another page; None if it has no room for them."""
+        page = _Page(frame, drawing_area(frame, first=False), self.grid)
+        return page if all(page.takes(block) for block, *_ in self.blocks) else None
 
 
-def _best_pages(blocks: Blocks, frame: Frame, beside: Box) -> list[_Page]:
-    """As few pages as possible, at the largest size of text and sections for these, each about as full as others."""
-    trials = [_pages(blocks, frame, beside, density) for density in DENSITIES]
-    fewest = min(map(len, trials))
-    number = next(k for k, pages in enumerate(trials) if len(pages) == fewest)
-    even = (_pages(blocks, frame, beside, DENSITIES[number], level) for level in LEVELS)
-    several = sum(map(bool, trials[number])) > 1
-    return next((pages for pages in even if len(pages) == fewest), trials[number]) if several else trials[number]
+Blocks = Callable[[_Grid], list[_Item]]
+"""Makes blocks for columns."""
 
 
-def _pages(blocks: Blocks, frame: Frame, beside: Box, density: float, level: float = 1.0) -> list[_Page]:
-    """Pages with everything, each filled to a level; the first one has the columns that there is room for `beside`."""
-    left, bottom, right, top = drawing_area(frame, first=False)
+def _best_pages(blocks: Blocks, frame: Frame, beside: Box, papers: Sequence[Paper]) -> list[_Page]:
+    """As few pages as possible, at the largest size of text and sections for these.
+
+    Lest the last one be half empty, it is on the first smaller paper that holds it, or the back takes two columns.
+    """
+    trials = [(density, _pages(blocks, frame, beside, density)) for density in DENSITIES]
+    fewest = min(len(pages) for _, pages in trials)
+    best = [(density, pages) for density, pages in trials if len(pages) == fewest]
+    for _, pages in best:
+        if fewest == 1 or pages[-1].filled > HALF:
+            return pages
+    for (_, pages), paper in product(best, papers):
+        last = pages[-1].on(replace(frame, paper=paper))
+        if last:
+            return [*pages[:-1], last]
+    wide = (_pages(blocks, frame, beside, density, 2) for density, _ in best)
+    return next((pages for pages in wide if len(pages) == fewest), best[0][1])
+
+
+def _pages(blocks: Blocks, frame: Frame, beside: Box, density: float, back: int = 1) -> list[_Page]:
+    """Pages with everything; the first one has the columns that there is room for `beside`."""
+    left, bottom, right, top = area = drawing_area(frame, first=False)
     style = Style(frame.scale * density)
+    gap = GAP * style.scale
     count = max(int((right - left) / (COLUMN * frame.scale * min(density, 1.0))), 1)
-    gap, space = GAP * style.scale, SPACE * style.scale
-    width = (right - left - (count - 1) * gap) / count
-    full = top - bottom
-    first = int((beside[2] - beside[0]) / (width + gap))
-    pages: list[_Page] = [[]]
-    columns = [_Column(0, count - k, beside[1], beside[3]) for k in range(first, 0, -1)]
-    for block in blocks(width, full, style, count, gap):
-        # The first columns side by side that have room for it; empty ones may be filled whole.
-        runs = [columns[k : k + block.span] for k in range(len(columns) + 1 - block.span)]
-        whole = (run for run in runs if run[0].page == run[-1].page)
-        place = next((run for run in whole if all(c.holds(block.height, (1 - level) * full) for c in run)), None)
-        if place is None:
-            columns += [_Column(len(pages), k, bottom, top) for k in range(count)]
-            place = columns[-count:][: block.span]
-            pages.append([])
-        filled = max(column.filled for column in place)
-        pages[place[0].page].append((block, left + place[0].number * (width + gap), place[0].top - filled))
-        for column in place:
-            column.filled = filled + block.height + space
+    grid = _Grid(style, count, (right - left + gap) / count - gap, top - bottom, gap, min(back, count))
+    first = int((beside[2] - beside[0]) / (grid.width + gap))
+    pages = [_Page(frame, (beside[2] - grid.span(first), *beside[1:]), grid)]
+    for block in blocks(grid):
+        if not any(page.takes(block) for page in pages):
+            pages.append(_Page(frame, area, grid))
+            pages[-1].put(block, pages[-1].columns[: block.span])
     return pages
 
 
-def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
-    """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
+def _blocks(work: Workpiece, grid: _Grid) -> list[_Item]:
+    """Tables, sections, notes, key and back for columns."""
+    style, width, height = grid.style, grid.width, grid.height
     pieces = [_split(table, width, height, style) for table in work.tables]
     groups = [[_measured(_table(piece, width, style), width) for piece in group] for group in pieces]
     # Several faces have a table of dots each.
@@ -255,8 +309,8 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style, columns:
     sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
     back = []
     if work.back:
-        span = 2 if columns > 1 and back_crowded(work, width, height) else 1
-        wide = span * width + (span - 1) * gap
+        span = min(2, grid.count) if back_crowded(work, width, height) else grid.back
+        wide = grid.span(span)
         back.append(replace(_detail(back_view(work, wide, height), wide, style), span=span))
     key = _detail(key_view(work, width, style), width, style)
     notes = _notes(work.notes, width, height, style)
@@ -265,12 +319,10 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style, columns:
 
 def _measured(flowables: Sequence[Any], width: float) -> _Item:
     """Flowables as a block for a column of a width in mm."""
-    return _Item(
-        tuple(
-            (flowable, flowable.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, flowable.getSpaceAfter() / POINTS_PER_MM)
-            for flowable in flowables
-        )
-    )
+    sizes = [flowable.wrap(*_points(width, 1e4)) for flowable in flowables]
+    heights = (high / POINTS_PER_MM for _, high in sizes)
+    spaces = (flowable.getSpaceAfter() / POINTS_PER_MM for flowable in flowables)
+    return _Item(tuple(zip(flowables, heights, spaces, strict=True)), max(wide for wide, _ in sizes) / POINTS_PER_MM)
 
 
 def _split(table: DrawingTable, width: float, height: float, style: Style) -> list[DrawingTable]:

@@ -120,6 +120,22 @@ def test_the_first_page_has_tables_where_there_is_room_beside_its_views(radius, 
     document.close()
 
 
+@pytest.mark.parametrize(
+    ("boundary", "radius"),
+    [(Circle(0.06), 0.04), (Circle(0.1), 0.08), (Circle(0.16), 0.14), (Polygon((((-0.089, -0.105), (0.089, -0.105), (0.089, 0.105), (-0.089, 0.105)),)), 0.07)],
+    ids=["small", "middle", "large", "upright"],
+)
+def test_the_last_page_is_not_half_empty(boundary, radius):
+    # Of 24 parts above the title block, three across, more than 15 have ink.
+    data, _ = write_fabrication_sheet(described(case(ngon(5, radius), boundary, 0.03)), SheetOptions())
+    document = pypdfium2.PdfDocument(data)
+    dark = np.asarray(document[len(document) - 1].render(scale=0.5, grayscale=True).to_pil()) < 128
+    inside = dark[int(0.06 * len(dark)) : int(0.88 * len(dark)), int(0.05 * dark.shape[1]) : int(0.95 * dark.shape[1])]
+    parts = [part for row in np.array_split(inside, 8) for part in np.array_split(row, 3, axis=1)]
+    assert sum(bool(part.any()) for part in parts) > 15
+    document.close()
+
+
 def test_a_title_that_is_wider_than_its_column_wraps():
     marker = case(FLAT, RECT, 0.01, Tag("aruco:DICT_ARUCO_MIP_36H12", 0, 0.03))
     document = pypdfium2.PdfDocument(write_fabrication_sheet(described(marker), SheetOptions())[0])
