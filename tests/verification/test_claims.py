@@ -301,6 +301,7 @@ GLTF = {
     "transparent": clear,
     "masked": materials(alphaMode="MASK", alphaCutoff=2.0),
     "glowing": materials(emissiveFactor=[1, 1, 1]),
+    "of metal": materials(pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 1], "roughnessFactor": 0.1}),
     "moving": lambda document: document.update(animations=[{"channels": [], "samplers": []}]),
     "painted": lambda document: document.update(textures=[{"source": 0}]),
     "a dot again above": again_elsewhere,
@@ -351,6 +352,12 @@ PRINTED = {
     "a modifier": (
         lambda text: text.replace(
             "</volume>", '<metadata type="volume" key="volume_type" value="ParameterModifier"/></volume>', 1
+        ),
+        VOLUMES,
+    ),
+    "outlines moved by the slicer": (
+        lambda text: text.replace(
+            "<volume", '<metadata type="object" key="xy_size_compensation" value="0.3"/><volume', 1
         ),
         VOLUMES,
     ),

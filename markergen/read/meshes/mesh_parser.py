@@ -153,11 +153,15 @@ def _glb_flaws(document: dict[str, Any]) -> Iterator[str]:
     if any(primitive.get("mode", TRIANGLES) != TRIANGLES for primitive in primitives):
         yield "it has lines or points, which are not read"
     for material, color in zip(materials, colors, strict=True):
+        name = brief(str(material.get("name", "")))
         mode, opacity = material.get("alphaMode", "OPAQUE"), float(color.get("baseColorFactor", (1, 1, 1, 1))[3])
         if mode != "OPAQUE" and (mode == "MASK" or opacity < 1):
-            yield f"the material {brief(str(material.get('name', '')))} is transparent"
+            yield f"the material {name} is transparent"
         if any(material.get("emissiveFactor", ())):
-            yield f"the material {brief(str(material.get('name', '')))} glows"
+            yield f"the material {name} glows"
+        # Metal has the color of what it mirrors; it is the default of glTF.
+        if color.get("metallicFactor", 1.0) > 0.5 and "KHR_materials_unlit" not in material.get("extensions", ()):
+            yield f"the material {name} is a metal"
 
 
 def _parts_of_glb(data: bytes) -> tuple[dict[str, Any], memoryview]:
@@ -425,6 +429,8 @@ def _volumes(elements: Iterable[tuple[str, Attributes | None]]) -> tuple[dict[st
             if sum(map(len, volumes.values())) >= MOST_OBJECTS:
                 raise InputError(f"at most {MOST_OBJECTS} parts", "more", "export it again")
             ranges.append(_Volume(int(attributes["firstid"]), int(attributes["lastid"]), "", ""))
+        elif tag == "metadata" and attributes.get("key", "").endswith("compensation") and attributes["value"] != "0":
+            flaws.append(f"a part has {brief(attributes['key'])}, with which its outline is printed elsewhere")
         elif tag == "metadata" and ranges and attributes.get("type") == "volume":
             key, value = attributes.get("key"), attributes["value"][:LONGEST]
             if key == "name":
