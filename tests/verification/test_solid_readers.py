@@ -207,6 +207,15 @@ def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     assert verify(marker, tmp_path / "a.step").passed
 
 
+def test_a_cylinder_of_another_radius_than_its_edges_is_named(marker, data, tmp_path):
+    (tmp_path / "a.step").write_bytes(
+        re.sub(rb"(CYLINDRICAL_SURFACE\('',#\d+,)6\.\)", rb"\g<1>5.98)", data[".step"], count=1)
+    )
+    check = verify(marker, tmp_path / "a.step")
+    assert not check.passed
+    assert "up to 0.02 mm off its faces" in str(check.findings[0])
+
+
 @pytest.fixture
 def other_parser(monkeypatch, tmp_path):
     """Another script in place of the one that parses."""

@@ -16,6 +16,10 @@ from markergen.guard import as_file
 MOST_FACES = 200_000
 """Maximum number of faces of all solids; a plate with an engraved back has thousands."""
 
+LOOSE = 0.01
+"""Largest distance in mm of an edge from its faces: 1e-7 in our files, up to 1e-3 in those of others; half of what
+positions may be off by."""
+
 CHORD, LARGE_CHORD, LONG_CHORD, TURN = 3e-5, 5e-6, 0.003, 0.2
 """Maximum distance of triangles from a solid, as a share of the diagonal of all, the same where it is more than a
 distance in mm, and angle in rad between neighbors.
@@ -80,11 +84,15 @@ def _diagonal(shapes: list[Any]) -> float:
 def _flaws(shape: Any) -> list[str]:
     from OCP.BRep import BRep_Tool
     from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.ShapeAnalysis import ShapeAnalysis_ShapeTolerance
     from OCP.TopAbs import TopAbs_SHELL, TopAbs_SOLID
 
     shells = _within(shape, TopAbs_SHELL)
     if not shells or not all(BRep_Tool.IsClosed_s(shell) for shell in shells):
         return ["has open edges: it encloses no volume"]
+    loose = ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1)
+    if loose > LOOSE:
+        return [f"has an edge that is up to {loose:.3g} mm off its faces"]
     if shape.ShapeType() == TopAbs_SOLID and BRepCheck_Analyzer(shape).IsValid():
         return []
     return ["is not a valid solid: it is inside out or intersects itself"]
