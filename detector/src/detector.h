@@ -43,6 +43,7 @@ typedef struct {
     double covariance[3];             /* of the center, px^2 */
     double light, dark, blur;         /* grey levels outside and inside; standard deviation of the edge, px */
     double hole;                      /* 0 for a disk, 1 for a ring with a hole of half its size, 0.5 where both look alike */
+    double other;                     /* its size if it is of the other kind than `hole` says, relative to `semi` */
     double doubt;                     /* how unlike a dot's the edge is, from 0 */
     double side;                      /* of the pixels that it was measured in, px of the image */
     int32_t state;                    /* ROUGH, FITTED to the grey levels, or REFUSED by that fit: then as rough as before */

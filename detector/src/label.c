@@ -527,6 +527,17 @@ static void take_roots(double *sum, double *products)
     }
 }
 
+/* The root of a dot's shape, as a blob should have it: small blurred rings and disks look alike, of different sizes. That of a
+   ring is known the less the smaller it is: it is the nearer one. */
+static void expected_root(const Scene *scene, const Dot *dot, const Outline *drawn, int64_t k, double *root)
+{
+    const Blob *blob = scene->blobs + k;
+    symmetric_root(drawn->shape, root);
+    const double half = scene->px * (root[0] + root[2]) / 2, mean = scene->shown[k].mean;
+    for (int i = 0; i < 3 && dot->ring != (blob->hole > 0.5) && fabs(mean - half / blob->other) < fabs(mean - half); i++)
+        root[i] /= blob->other;
+}
+
 /* The evidence for a labeling with a fitted pose: the logarithm of
 
        prod over dots N(r; S) N(dR; s) P(kind) / clutter  x  prod over missing dots P(missed)  x  (2 pi)^3 det(N)^-1/2 p(pose),
@@ -574,7 +585,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         double root[3];
         if (shown->broad < 0)
             weigh(scene, labeling->labels[i]);
-        symmetric_root(drawn->shape, root);
+        expected_root(scene, layout->dots + i, drawn, labeling->labels[i], root);
         const double ratio = 0.5 * log((shown->root[0] * shown->root[2] - shown->root[1] * shown->root[1]) /
                                        larger((root[0] * root[2] - root[1] * root[1]) * scene->px * scene->px, 1e-300));
         const double weight = 2 * shown->mean * shown->mean / (shown->sigma * shown->sigma);
@@ -597,7 +608,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         const Shown *shown = scene->shown + k;
         const Blob *blob = scene->blobs + k;
         double root[3], J[2][7], W[3][BEYONDS], miss[BEYONDS], area[BEYONDS];
-        symmetric_root(drawn->shape, root);
+        expected_root(scene, layout->dots + i, drawn, labeling->labels[i], root);
         const double xx = shown->root[0] - factor * root[0], xy = shown->root[1] - factor * root[1];
         const double yy = shown->root[2] - factor * root[2];
         const double square = (xx * xx + 2 * xy * xy + yy * yy) / (shown->sigma * shown->sigma);

@@ -14,7 +14,7 @@ BLOB = np.dtype(
         ("semi", "f8", 2),
         ("angle", "f8"),
         ("covariance", "f8", 3),
-        *((name, "f8") for name in ("light", "dark", "blur", "hole", "doubt", "side")),
+        *((name, "f8") for name in ("light", "dark", "blur", "hole", "other", "doubt", "side")),
         ("state", "i4"),
         ("known", "i4"),
         ("at", "f8", 2),

@@ -25,6 +25,19 @@ def test_small_dots_that_are_one_blob_with_their_neighbors_have_no_label():
     assert rows["4.5 px, ring"]["found %"] == rows["4.5 px, no ring"]["found %"] == 100
 
 
+@pytest.mark.parametrize(("blur", "size"), [(1.5, 6), (2.0, 8), (2.5, 10), (3.0, 12)])
+def test_a_ring_that_looks_like_a_disk_has_its_label(blur, size):
+    # As wide as four blurs, a ring is seen as a disk a fifth larger.
+    for k in range(4):
+        rng, marker = np.random.default_rng([k, size]), scenes.random_marker(5, True, seed=k, diameter=0.016)
+        distance = quality.CAMERA.fx * marker.dot_diameter / size
+        pose = scenes.pose(quality.CAMERA, rng, (distance, distance), (0, 30))
+        scene = scenes.view(marker, quality.CAMERA, pose, rng, Optics(blur_px=blur))
+        (finding,) = mg.Detector(marker, quality.CAMERA)(scene.image)
+        assert len(finding.ids) == 5
+        assert np.abs(finding.pixels - scene.pixels[finding.ids]).max() < 0.5
+
+
 def test_a_labeling_of_most_dots_has_to_rival_that_of_all():
     # Turned by half a turn and moved by half a pitch, this grid has 32 of its 35 dots where dots are.
     marker, rng = mg.Marker.hexagonal("7x5", "20mm"), np.random.default_rng(16)
