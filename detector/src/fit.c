@@ -903,7 +903,8 @@ static double common_blur(const Fit *fits, int64_t count)
    falls to none between these blurs; of dots of 4 to 14 px with 2 grey levels of noise, squared errors were 1.3 times as large as
    claimed without it. */
 static const double SHARP_PX = 0.004, SHARP_BLUR = 0.4, SOFT_BLUR = 0.6;
-/* The same of blobs that the border cuts, as a share of what is outside: of 340 fits, half were as far off as they say, a tenth by more than 0.05 to 0.2 times what is outside. */
+/* The same of blobs that the border cuts, as a share of what is outside: of 340 fits, half were as far off as they
+   say, a tenth by more than 0.05 to 0.2 times what is outside. */
 static const double CUT_FITTED = 0.02;
 
 /* Geometric mean of the semi-axes. */

@@ -948,15 +948,16 @@ static const double FAR_BLURS = 6;
 /* A disk of this depth is one, unless it is sharper than usual by that factor, as if it were a blurred ring; without a usual blur,
    one of that depth. The usual blur is that at this quantile of the outlines that are certain and of at least that depth, if there
    are three; that of small ones may differ from it by this factor. */
-static const double WIDE = 0.97, SURELY_WIDE = 0.9995, SHARPER = 0.9, TELLS_BLUR = 0.8, USUAL = 0.5, BLUR_RATIO = 1.06, CLEAR_DOUBT = 0.5;
+static const double WIDE = 0.97, SURELY_WIDE = 0.9995, SHARPER = 0.9, TELLS_BLUR = 0.8, USUAL = 0.5, BLUR_RATIO = 1.06;
+static const double CLEAR_DOUBT = 0.5;
 enum { LEAST_WIDE = 3 };
 /* Level in the middle above which an outline may be a ring's, below which the level expected of a ring is less and less
    evidence, and the least one expected, without which noise tells; relative to the visible step. */
 static const double OPEN_ABOVE = 0.05, TELLING = 0.6, LEAST_LEVEL = 0.02;
 /* Share by which the step of a disk is less steep than a straight edge's, less what is lost of its depth, at a radius of r blurs:
-   A exp(-B r), within 0.01 of the noncentral chi-squared distribution's from 1.3 blurs on. Without it, disks of 1.5 to 2 blurs are
-   measured a sixth too small, and their blur a third too large. */
-static const double ROUND_A = 1.4, ROUND_B = 1.31;
+   A exp(-B r), within 0.01 of the noncentral chi-squared distribution's, and of smaller ones as at that many. Without it, disks of
+   1.5 to 2 blurs are measured a sixth too small, and their blur a third too large. */
+static const double ROUND_A = 1.4, ROUND_B = 1.31, ROUND_LEAST = 1.6;
 /* Radius of a ring, in blurs, below which it looks the same whatever its size. */
 static const double SMALLEST_RING = 1.2;
 /* Squared cosines of an ellipse's parameter at even steps over a quarter of it. */
@@ -1036,7 +1037,7 @@ static Behind unblurred(const Seen *seen, int ring, double least, double most, i
             lost = erf(0.70710678 / s) - (double)(edges[0] - edges[1] - edges[2] + edges[3]);
         } else {
             behind.depth = larger(darkness(a, b, s), LEAST_DEPTH);
-            steep = 1 - ROUND_A * exp(-ROUND_B * larger(mean / s, 1.6));
+            steep = 1 - ROUND_A * exp(-ROUND_B * larger(mean / s, ROUND_LEAST));
             outside = -s * normal_quantile(behind.depth / 2);
         }
     }

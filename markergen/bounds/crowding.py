@@ -56,6 +56,8 @@ def crowding(
 
     Between two dots of diameter d at a distance L, images s px apart leave a gap of s (1 - d / L).
     """
+    if not diameter:
+        return 0.0
     first, second = np.triu_indices(len(points), 1)
     apart = np.linalg.norm(points[first] - points[second], axis=-1)
     pixels = camera.project(points, poses.rotation, poses.translation)
@@ -64,7 +66,7 @@ def crowding(
     gaps = (np.linalg.norm(part[:, first] - part[:, second], axis=-1) * (1 - diameter / apart) for part in parts)
     narrow = np.concatenate([np.nan_to_num(gap).min(axis=1) for gap in gaps])
     share = float(np.mean(narrow < BLOT_PX * image.gap_factor))
-    return share if diameter and share > CROWDED else 0.0
+    return share if share > CROWDED else 0.0
 
 
 def crowded(

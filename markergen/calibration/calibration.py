@@ -788,9 +788,11 @@ def _expected(
         (joint, adjustment.places[is_on_marker], network.free),
     )
     for covariance, places, measured in cases:
-        blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
-        working = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         # A wrong scale moves all dots together, so weights ignore it.
+        growth = (places - places.mean(axis=0)).ravel()
+        kept = np.eye(size) - measured * np.outer(growth, growth) / (growth @ growth)
+        blocks = (kept @ covariance[:size, :size] @ kept).reshape(n, 3, n, 3)[range(n), :, range(n)]
+        working = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
         moved = np.zeros((len(covariance), 2))
         moved[:size] = knowledge.errors.displacements(designs[network.marker[0]], network, places, measured)
         errors.append(working.expected(covariance + moved @ moved.T))

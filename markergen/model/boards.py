@@ -14,7 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.feature import Feature
 from markergen.model.marker import Marker, build_marker
-from markergen.units import parse_length
+from markergen.units import format_length, parse_length
 
 Length = float | str
 
@@ -23,6 +23,9 @@ SHARE = 0.5
 
 CLEARANCE = 0.1
 """Clearance of a board's dots over their diameter, as of a design."""
+
+ROUNDING = 1e-9
+"""Overlap of dots in m that rounding explains, as a marker.json may have."""
 
 _SIZE = re.compile(r"\s*(\d+)\s*x\s*(\d+)\s*(asymmetric)?\s*")
 
@@ -67,12 +70,21 @@ def circles(rings: Sequence[tuple[int, Length]], dot: Length) -> Marker:
 
 def from_points(points: Any, dot: Length) -> Marker:
     """See `Marker.from_points`."""
+    from scipy.spatial.distance import pdist
+
     diameter = parse_length(dot, "dot")
     places = np.round(np.array(points, dtype=float), 12) + 0.0
-    if places.ndim != 2 or places.shape[1] not in (2, 3) or not len(places) or not np.isfinite(places).all():
-        raise InputError("points (n, 2 or 3) in m", f"an array {places.shape}", "give x and y of each dot in its row")
+    if places.ndim != 2 or places.shape[1] not in (2, 3) or len(places) < 4:
+        expected = "points (n, 2 or 3) in m, four or more"
+        raise InputError(expected, f"an array {places.shape}", "give x and y of each dot in its row")
+    if not np.isfinite(places).all():
+        raise InputError("finite numbers in m", "others", "give x and y of each dot in its row")
     if not diameter > 0:
         raise InputError("a diameter above 0", f"dot={brief(dot)}", "give such as 10mm")
+    nearest = pdist(places[:, :2]).min()
+    if nearest < diameter - ROUNDING:
+        actual = f"centers {format_length(nearest)} apart for dots of {format_length(diameter)}"
+        raise InputError("dots that do not overlap", actual, "move them apart, or make them smaller")
     edge = (0.5 + CLEARANCE) * diameter
     (left, low), (right, high) = places[:, :2].min(axis=0) - edge, places[:, :2].max(axis=0) + edge
     room = Polygon((((right, high), (left, high), (left, low), (right, low)),))

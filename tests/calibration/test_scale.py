@@ -80,6 +80,12 @@ def test_a_measured_length_and_the_rulers_count_by_their_precision(calibrated, d
     assert sizes[1] / sizes[0] - 1 == pytest.approx(0.002 * (together / own) ** 2, rel=0.1)
 
 
+def test_a_measured_length_makes_no_rotation_worse(calibrated, design):
+    alone, ruled = (calibrated([design], 8, known(*lengths), false=0).after for lengths in ((), (length(design),)))
+    assert ruled.rotation_deg == pytest.approx(alone.rotation_deg, rel=0.01)
+    assert ruled.translation < alone.translation
+
+
 def test_a_length_over_the_outer_edges_is_told(design, tmp_path):
     across = float(np.linalg.norm(design.xyz[0] - design.xyz[3]))
     with pytest.raises(InputError, match="20 mm less than"):

@@ -74,3 +74,17 @@ def test_they_are_found_and_saved_as_any_other(marker, tmp_path):
 def test_what_is_no_pattern_is_refused(make):
     with pytest.raises(mg.InputError):
         mg.validate(make(), mg.Camera(640, 480, 800, 800, 320, 240), poses="cone:count=5", runs=0, views=0)
+
+
+@pytest.mark.parametrize(
+    ("points", "dot", "words"),
+    [
+        ([(0, 0), (0.1, 0), (0, 0.1)], "10mm", "four or more"),
+        ([(0, 0), (0.1, 0), (0, 0.1), (np.nan, 0)], "10mm", "finite"),
+        ([(0, 0), (0.1, 0), (0, 0.1), (0.1, 0.1)], "110mm", "centers 100 mm apart"),
+        ([(0, 0), (0.1, 0), (0, 0.1), (0.1, 0)], "1mm", "centers 0 mm apart"),
+    ],
+)
+def test_points_that_are_no_marker_are_refused(points, dot, words):
+    with pytest.raises(mg.InputError, match=words):
+        mg.Marker.from_points(points, dot)

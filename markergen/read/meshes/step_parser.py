@@ -20,7 +20,7 @@ LOOSE = 0.01
 """Largest distance in mm of an edge from its faces: 1e-7 in our files, up to 1e-3 in those of others; half of what
 positions may be off by."""
 
-CHORD, LARGE_CHORD, LONG_CHORD, TURN = 3e-5, 5e-6, 0.003, 0.2
+CHORD, LARGE_CHORD, LONG_CHORD, TURN = 3e-5, 5e-6, 0.005, 0.2
 """Maximum distance of triangles from a solid, as a share of the diagonal of all, the same where it is more than a
 distance in mm, and angle in rad between neighbors.
 

@@ -120,9 +120,12 @@ def test_the_first_page_has_tables_where_there_is_room_beside_its_views(radius, 
     document.close()
 
 
+UPRIGHT = Polygon((((-0.089, -0.105), (0.089, -0.105), (0.089, 0.105), (-0.089, 0.105)),))
+
+
 @pytest.mark.parametrize(
     ("boundary", "radius"),
-    [(Circle(0.06), 0.04), (Circle(0.1), 0.08), (Circle(0.16), 0.14), (Polygon((((-0.089, -0.105), (0.089, -0.105), (0.089, 0.105), (-0.089, 0.105)),)), 0.07)],
+    [(Circle(0.06), 0.04), (Circle(0.1), 0.08), (Circle(0.16), 0.14), (UPRIGHT, 0.07)],
     ids=["small", "middle", "large", "upright"],
 )
 def test_the_last_page_is_not_half_empty(boundary, radius):
