@@ -357,7 +357,7 @@ class _Explained:
         if len(extra) and len(missing):
             have, want = height - extra[:, 2].min(), height - missing[:, 2].min()
             if abs(have - want) > self.tol:
-                return Finding("thickness", f"dot {name} is {have:.5g} mm thick, not {want:.5g} mm", AGAIN)
+                return Finding("thickness", f"dot {name} is {have:.4g} mm thick, not {want:.4g} mm", AGAIN)
         return Finding("thickness", f"dot {name} is not made as it should be", AGAIN)
 
     def _tag(self) -> list[tuple[Finding | None, Inside]]:

@@ -301,7 +301,7 @@ GLTF = {
     "transparent": clear,
     "masked": materials(alphaMode="MASK", alphaCutoff=2.0),
     "glowing": materials(emissiveFactor=[1, 1, 1]),
-    "of metal": materials(pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 1], "roughnessFactor": 0.1}),
+    "of metal": materials(pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 1], "metallicFactor": 1.0}),
     "moving": lambda document: document.update(animations=[{"channels": [], "samplers": []}]),
     "painted": lambda document: document.update(textures=[{"source": 0}]),
     "a dot again above": again_elsewhere,

@@ -159,8 +159,8 @@ def _glb_flaws(document: dict[str, Any]) -> Iterator[str]:
             yield f"the material {name} is transparent"
         if any(material.get("emissiveFactor", ())):
             yield f"the material {name} glows"
-        # Metal has the color of what it mirrors; it is the default of glTF.
-        if color.get("metallicFactor", 1.0) > 0.5 and "KHR_materials_unlit" not in material.get("extensions", ()):
+        # Metal has the color of what it mirrors. It is the default of glTF, but programs that leave it out mean none.
+        if color.get("metallicFactor", 0.0) > 0.5 and "KHR_materials_unlit" not in material.get("extensions", ()):
             yield f"the material {name} is a metal"
 
 
