@@ -313,8 +313,14 @@ def _searched(
 def _labeled(
     markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]
 ) -> tuple[list[Labeled], dict[int, str]]:
-    """Dots of the markers found in each photograph; fills in why a photograph has none."""
+    """Dots of the markers found in each photograph; fills in why a photograph has none.
+
+    Labels of a symmetric layout are left open. So are doubtful ones of a marker with rings if others are certain: else
+    its rings contradict them in every photograph, as where all are mirrored.
+    """
     seen = []
+    sure = {result.index for detections in results for result in detections if result.ok}
+    sure |= {k for k, marker in enumerate(markers) if len({point.feature.kind for point in marker.control_points}) == 1}
     for photo, detections in enumerate(results):
         dots_of_markers: list[Labeled] = []
         for number, marker in enumerate(markers):
@@ -324,7 +330,9 @@ def _labeled(
                 reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
                 dots_of_markers = []
                 break
-            guessed = [result for result in of_marker[:1] if len(result.guess) and result.rival is None]
+            guessed = [
+                result for result in of_marker[:1] if len(result.guess) and result.rival is None and number in sure
+            ]
             place = {point.id: k for k, point in enumerate(marker.control_points)}
             for dots in copies or guessed:
                 index = np.array([place[int(name)] for name in (dots.ids if copies else dots.guess)], dtype=np.intp)

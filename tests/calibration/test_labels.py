@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from simulated_photos import hand_held
 
+import markergen as mg
 from markergen.calibration.photos import Labeled, alternatives, relabelings, settle_labels, turned_to_design
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
+from markergen.model.marker import build_marker
+from markergen.render import DEFAULT_OPTICS, render_view
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
 ROUGH = Camera(640, 480, 760.0, 760.0, 319.5, 239.5)
@@ -124,3 +129,17 @@ def test_a_photograph_with_three_dots_or_fewer_at_their_places_has_no_labels(sha
     dots = blobs, spread[: sharp + 1], np.full(sharp + 1, 200.0)
     labelings = alternatives(rough, relabelings(design, none)[:1], design, np.full(30, 0.006), CAMERA, dots)
     assert [len(labeling.index) for labeling in labelings] == [sharp] * count
+
+
+def test_mirrored_photographs_are_not_taken_for_others():
+    # The ring is where the mirrored layout has a disk, and all else fits.
+    rng = np.random.default_rng(4)
+    corners = 0.001 * np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+    places = np.concatenate([corners * side for side in ((25, 83), (67, 83), (67, 41))])
+    marker = build_marker(places, Circle(0.13), 0.03, 0.003)
+    images = [
+        np.ascontiguousarray(render_view(marker, CAMERA, rotation, translation, DEFAULT_OPTICS, rng)[:, ::-1])
+        for rotation, translation in zip(*hand_held(4, rng, (15, 40)), strict=True)
+    ]
+    with pytest.raises(InputError, match="none of 4"):
+        mg.calibrate(marker, images)
