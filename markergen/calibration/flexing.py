@@ -71,11 +71,11 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
 
     parts, views, network = adjustment.normal, adjustment.views, adjustment.network
     if not network.free:
-        return NotJudged("bending is not told apart from the errors of a print that is taken as designed")
+        return NotJudged("bending is not distinguished from the errors of a print that is taken as designed")
     try:
         unscaled = adjustment.unscaled
     except UndeterminedError:
-        return NotJudged("the photographs do not determine the dots, so that bending cannot be told")
+        return NotJudged("the photographs do not determine the dots, so that bending cannot be seen")
     modes = _modes(network.design, network.marker)
     bent = (parts.rows_pose[..., 3:] @ views.rotation[:, None, :, 2:]) * modes[:, None, :]
     values, along = _explained(adjustment, unscaled, bent)

@@ -361,7 +361,7 @@ class Network:
         return bool(ruled or measured)
 
     def gauge(self, places: Array) -> Array:
-        """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph tells.
+        """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph shows.
 
         Three shifts and three turns of each marker, and its scale unless measurements fix that; markers whose views
         are bound together have one scale.

@@ -358,7 +358,7 @@ def _bent(markers: Sequence[Marker], sources: Sequence[Any], camera: Camera, rea
 def _told_apart(
     markers: Sequence[Marker], seen: list[Labeled], camera: Camera, sources: Sequence[Any]
 ) -> tuple[list[Labeled], tuple[str, ...]]:
-    """Labels of symmetric layouts, told apart by all photographs together; and what remains in doubt."""
+    """Labels of symmetric layouts, distinguished by all photographs together; and what remains in doubt."""
     labeled, doubts = dict(enumerate(seen)), list[str]()
     for number, marker in enumerate(markers):
         views = [k for k, dots in enumerate(seen) if dots.marker == number]

@@ -49,7 +49,7 @@ METHOD = [
     (
         "Marker frame",
         "Meters; x right, y up, z out of the printed face toward the viewer. Seven conditions, or six with a measured "
-        "length, fix what no photograph tells: all dots together neither shift nor turn nor grow against the design.",
+        "length, fix what no photograph shows: all dots together neither shift nor turn nor grow against the design.",
     ),
     ("Sigma", "Standard deviation to first order, multiplied by the root of chi2/dof where that is above 1."),
     (

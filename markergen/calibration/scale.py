@@ -1,4 +1,4 @@
-"""Scale of a print, which no photograph tells: from rulers along x and y, lengths between dots, or the design.
+"""Scale of a print, which no photograph shows: from rulers along x and y, lengths between dots, or the design.
 
 Photographs tell the ratio of the scales along x and y, far better than rulers do; what is left open is their mean.
 """

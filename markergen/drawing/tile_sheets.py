@@ -581,7 +581,7 @@ def _notes(
     shape = "disk" if is_disk(boundary) else "outline"
     why = "No paper up to A0 holds it" if options.paper is None else "With margins and rulers it needs more than a page"
     where = f"{count} tiles of {paper}: {tiles.layout_words}" if count > 1 else f"a page of {paper} with fewer words"
-    how = "tells how to put them together" if count > 1 else "says the rest"
+    how = "shows how to put them together" if count > 1 else "says the rest"
     notes = [
         f"The {shape} of the marker is {size_words(boundary)}. {why}, so it goes on {where}, after a page that {how}.",
         *([f"To print it on one: {smaller}."] if smaller else []),

@@ -177,7 +177,7 @@ class Design(Result):
         Expected error of a rig's joint pose, and of that of the best single plate, in each pose: rotation in degrees,
         and translation of the rig's origin in m; inf where no plate shows four dots.
     told_apart : str
-        How the plates of a rig are told apart, in words.
+        How the plates of a rig are distinguished, in words.
     safety : float
         Smallest RMS displacement in px of a plate's dots with which another plate fits as well; inf with tags.
     interrupted : float
@@ -199,7 +199,7 @@ class Design(Result):
     >>> design.rig
     Rig(2 markers, 8 control points within 116 mm of its origin)
     >>> design.told_apart
-    'the plates are told apart by their tags, aruco:DICT_4X4_50:0 to 1'
+    'the plates are distinguished by their tags, aruco:DICT_4X4_50:0 to 1'
     """
 
     body: Marker | Rig

@@ -502,21 +502,21 @@ def _dressed(block: Block, dots: DotSize) -> Marker:
 
 
 def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSafety]:
-    """How the plates are told apart, in words, and the least safety."""
+    """How the plates are distinguished, in words, and the least safety."""
     names = [block.face.name for block in layouts.blocks if block.face]
     if tags:
         ids = [tag.rpartition(":")[2] for tag in tags]
         others = ", and by what they were given" if layouts.given else ""
         family = tags[0].rpartition(":")[0]
-        return f"the plates are told apart by their tags, {family}:{ids[0]} to {ids[-1]}{others}", ForeignSafety()
+        return f"the plates are distinguished by their tags, {family}:{ids[0]} to {ids[-1]}{others}", ForeignSafety()
     if len(names) == 1:
         return "there is one plate", ForeignSafety()
     safety = {(names[a], names[b]): layouts.safety(a, b) for a, b in permutations(range(len(names)), 2)}
     (first, second), least = min(safety.items(), key=lambda item: item[1])
     if not np.isfinite(least.px):
-        return "the plates are told apart by their numbers of dots", least
+        return "the plates are distinguished by their numbers of dots", least
     if least.px < ALIKE_PX:
-        return f"nothing tells {first} from {second}: their layouts are the same", least
+        return f"nothing distinguishes {first} from {second}: their layouts are the same", least
     likely = f"with errors of {NOISE_PX:g} px {first} is {odds(least.margin)} {second}"
     if least.undecided > RARELY:
         share = two_digits(100 * least.undecided)
@@ -525,7 +525,7 @@ def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSa
             least,
         )
     return (
-        f"the plates are told apart by their layouts: {likely}, and {ENOUGH}; "
+        f"the plates are distinguished by their layouts: {likely}, and {ENOUGH}; "
         f"{first} fits best while dots move by less than {two_digits(least.px)} px RMS",
         least,
     )

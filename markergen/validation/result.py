@@ -86,7 +86,7 @@ def check_condition(expression: str, results: Mapping[str, Any]) -> tuple[bool, 
     path, sign, limit = parse_condition(expression)
     value = _number(path, results)
     if value is None:
-        return False, f"{path} has no value in this run, so it cannot be said to be within {limit}"
+        return False, f"{path} has no value in this run, so it is not known to be within {limit}"
     holds = OPERATORS[sign](value, float(limit))
     relation = sign if holds else {">": "<=", ">=": "<", "<": ">=", "<=": ">"}[sign]
     return not holds, f"{path} = {value:.6g} {relation} {limit}"

@@ -160,7 +160,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
 def labels_table(labels: Mapping[str, Any]) -> Table:
     """Label safety of each dot, or of the least safe: its worst pose, and the dots that it is confused with."""
     dots = labels["dots"]
-    title = "How safely each dot is told apart"
+    title = "How safely each dot is distinguished"
     if len(dots) > MOST_DOTS:
         dots = sorted(dots, key=lambda dot: np.inf if dot["px"] is None else dot["px"])[:MOST_DOTS]
         title += f": the {MOST_DOTS} least safe of {len(labels['dots'])}"

@@ -1,4 +1,4 @@
-"""Noise of photographs, told apart from what moves neighboring dots alike; and what that most likely is."""
+"""Noise of photographs, apart from what moves neighboring dots alike; and what that most likely is."""
 
 from dataclasses import replace
 

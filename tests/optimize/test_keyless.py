@@ -1,4 +1,4 @@
-"""Layouts of equal dots that can be told apart: as safe as demanded, by other means than the search."""
+"""Layouts of equal dots that can be distinguished: as safe as demanded, by other means than the search."""
 
 from itertools import permutations
 

@@ -57,7 +57,7 @@ SENTENCES = {
     "shares": "print {} %, image noise {} %, calibration {} %",
     "smallest dot": "At {} and {} the dot that looks smallest, of {}, is {}",
     "seen frontally": "Seen frontally, a small tilt hardly changes the image.",
-    "rings and disks": "Rings are told from disks by their looks (here dot {})",
+    "rings and disks": "Rings are distinguished from disks by their looks (here dot {})",
     "never alike": "never: no other dot is like it",
     "views found": "Found in {} of {} views, none with a wrong label.",
     # Detection

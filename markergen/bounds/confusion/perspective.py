@@ -203,7 +203,7 @@ def label_safety(marker: Marker, setting: Setting, noise_px: float = NOISE_PX) -
     Rings differ from disks by appearance; dots of equal appearance differ only by position. All dots are assumed
     visible. Sizes of dots and shapes of their images, which would help, are ignored. Heights of control points count.
 
-    Dots of several sizes are told apart by their size: the safety of each is that among those of its own, at the poses
+    Dots of several sizes are known by their size: the safety of each is that among those of its own, at the poses
     that see all of these.
     """
     kinds = np.array([point.feature.kind == "ring" for point in marker.control_points], dtype=np.intp)

@@ -324,7 +324,7 @@ def the_marker(subject: Subject) -> Section:
     return Section(
         tables=[table],
         parts=[("Where it came from", Section(terms=origin(marker)))],
-        folded=[("Provenance, as its file tells it", Section(text=provenance(marker)))],
+        folded=[("Provenance, as its file has it", Section(text=provenance(marker)))],
         book=("every key of the marker's file", "marker-json.md"),
     )
 
@@ -333,14 +333,16 @@ def labels(subject: Subject) -> Section:
     """Robustness of the dots' labels."""
     labeling = subject.results["labels"]
     if not labeling:
-        return Section(missing="Bare points cannot be seen, and so not be told apart.")
+        return Section(missing="Bare points cannot be seen, and so not be distinguished.")
     rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
     if rings:
-        looks = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
+        looks = (
+            f"Rings are distinguished from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
+        )
     else:
         looks = "All dots look the same"
     return Section(
-        [f"{looks}; dots that look the same are told apart by their places alone.", *label_sentences(labeling)],
+        [f"{looks}; dots that look the same are distinguished by their places alone.", *label_sentences(labeling)],
         tables=[tables.labels_table(labeling)],
         book=("labels, and how to make them safe", "design.md#labels"),
     )

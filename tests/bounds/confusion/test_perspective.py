@@ -1,4 +1,4 @@
-"""How safely dots are told apart: known layouts, the poses, what noise really does, and the search for near rivals."""
+"""How safely dots are distinguished: known layouts, poses, what noise really does, and the search for near rivals."""
 
 from dataclasses import replace
 from itertools import permutations

@@ -56,7 +56,7 @@ def test_errors_over_tilt_draws_the_statistics(results, ax):
     drawn = {line.get_label(): line for line in ax.lines}
     np.testing.assert_allclose(drawn["LM, RMS"].get_xdata(), [0, 17.5, 35, 52.5, 70])
     np.testing.assert_allclose(drawn["bound (CRLB)"].get_ydata(), list(limits.values()))
-    # In black and white, lines are told apart by dashes and marks.
+    # In black and white, lines are distinguished by dashes and marks.
     looks = {(str(line.get_linestyle()), str(line._dash_pattern), line.get_marker()) for line in ax.lines}
     assert len(looks) == len(ax.lines)
     assert len(ax.collections) == 1
