@@ -527,15 +527,17 @@ static void take_roots(double *sum, double *products)
     }
 }
 
-/* The root of a dot's shape, as a blob should have it: small blurred rings and disks look alike, of different sizes. That of a
-   ring is known the less the smaller it is: it is the nearer one. */
+/* The root of a dot's shape, as a blob should have it. Small blurred rings and disks look alike, of different sizes: where a blob
+   is not of the dot's kind, the nearer of its two sizes counts, since those of the smallest are known badly. With that of the
+   dot's kind alone, a sixth of 100 markers with dots of 2.5 and 3 px is lost. */
 static void expected_root(const Scene *scene, const Dot *dot, const Outline *drawn, int64_t k, double *root)
 {
     const Blob *blob = scene->blobs + k;
     symmetric_root(drawn->shape, root);
     const double half = scene->px * (root[0] + root[2]) / 2, mean = scene->shown[k].mean;
-    for (int i = 0; i < 3 && dot->ring != (blob->hole > 0.5) && fabs(mean - half / blob->other) < fabs(mean - half); i++)
-        root[i] /= blob->other;
+    if (dot->ring != (blob->hole > 0.5) && fabs(mean - half / blob->other) < fabs(mean - half))
+        for (int i = 0; i < 3; i++)
+            root[i] /= blob->other;
 }
 
 /* The evidence for a labeling with a fitted pose: the logarithm of
