@@ -64,13 +64,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, EOFError):
         status = INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has closed the pipe; without this, Python complains again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return 0
     except Exception as error:
         if debug:
             raise
         _complain(_explain(error))
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _discard_output()
         return UNUSABLE
     finally:
         if is_ours:
@@ -79,6 +82,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if status == INTERRUPTED:
         _complain("interrupted")
     return status
+
+
+def _discard_output() -> None:
+    """Drop what is left for a standard output that is full or closed; Python would complain again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 FARTHEST, NEAREST = 1.5, 0.4
