@@ -306,8 +306,8 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
         refusal = _option_refusal(error.errors()[0]) if name == OPTIONS and error.error_count() == 1 else None
-        findings = InputError(f"a valid spec in {name}", in_one_line(findings_of(error)), "correct these places")
-        raise refusal or findings from None
+        findings = findings_of(error, lambda place: _SpecFile.model_fields if len(place) == 1 else ())
+        raise refusal or InputError(f"a valid spec in {name}", in_one_line(findings), "correct these places") from None
     if not stored and table.print_sigma == 0:
         # In a spec, 0 is what is searched for if nothing is given, and the usual print is then planned with.
         remedy = f"leave it out for {PRINT_SIGMA_TEXT}, or write a length such as 0.005mm: nothing is printed exactly"

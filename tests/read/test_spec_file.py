@@ -131,7 +131,7 @@ def test_all_errors_are_listed_with_their_paths():
         "n: Input should be a valid integer (got 'many')",
         "radius: write a number and one of m, ",
         "camera.height: missing",
-        "color: unknown key (got 'red')",
+        "color: unknown key, did you mean 'colors'? (got 'red')",
     ):
         assert words in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -25,7 +25,7 @@ CHORD, LARGE_CHORD, LONG_CHORD, TURN = 3e-5, 5e-6, 0.005, 0.2
 distance in mm, and angle in rad between neighbors.
 
 Of that diagonal, since a part in a wrong unit would have millions of triangles within an absolute distance. With the
-first share alone, fillets on a plate of 0.5 m are 0.03 mm off.
+first share alone, fillets on a plate of 0.5 m are 0.03 mm off; with 0.003 mm, twelve half-balls on one take 11 s.
 """
 
 Json = dict[str, Any]
