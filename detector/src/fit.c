@@ -981,7 +981,8 @@ int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Fit *disk = fits + 2 * i, *ring = disk + 1;
         const Blob *blob = blobs + which[i];
-        const double rough = is_tiny(blob) ? 0 : 18 * (blob->hole - 0.5);
+        const int tiny = is_tiny(blob);
+        const double rough = tiny ? 0 : 18 * (blob->hole - 0.5);
         double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
         /* What is no wider than this shows no hole, whatever fits say. */
         if (blob->semi[1] < SHOWN_BLURS * (blur > 0 ? blur : blob->blur))
@@ -991,9 +992,10 @@ int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64
             continue;
         chosen.blob = which[i];
         chosen.hole = 0.5 + (told > 9 ? 9 : told < -9 ? -9 : told) / 18; /* as label.c reads it */
-        chosen.other = disk->good && ring->good ? size_of(chosen.ring ? disk : ring) / size_of(&chosen) : 1;
-        if (is_tiny(blob))
+        if (tiny)
             chosen.other = blob->hole > 0.5 ? 1 / blob->other : blob->other;
+        else
+            chosen.other = disk->good && ring->good ? size_of(chosen.ring ? disk : ring) / size_of(&chosen) : 1;
         fits[good++] = chosen;
     }
     status = status < 0 ? NO_MEMORY : 0;

@@ -947,7 +947,8 @@ static const double LEAST_SHARE = 0.05, MAX_SHARE = 0.954, LEAST_DEPTH = 0.5;
 static const double FAR_BLURS = 6;
 /* A disk of this depth is one, unless it is sharper than usual by that factor, as if it were a blurred ring; without a usual blur,
    one of that depth. The usual blur is that at this quantile of the outlines that are certain and of at least that depth, if there
-   are three; that of small ones may differ from it by this factor. */
+   are three; that of small ones may differ from it by this factor. Of 1,250 blurred rings, 26 more are lost where a depth of 0.97
+   is enough for all three; without SHARPER, disks of 6 px may be rings. */
 static const double WIDE = 0.97, SURELY_WIDE = 0.9995, SHARPER = 0.9, TELLS_BLUR = 0.8, USUAL = 0.5, BLUR_RATIO = 1.06;
 static const double CLEAR_DOUBT = 0.5;
 enum { LEAST_WIDE = 3 };
@@ -1073,8 +1074,10 @@ static int usual_blur(const Edges *edges, double *usual)
         return NO_MEMORY;
     for (int64_t i = 0; i < edges->count; i++) {
         const Seen seen = seen_edge(edges->all + i);
+        if (!(doubt_of(edges->all + i) < CLEAR_DOUBT))
+            continue;
         const Behind disk = unblurred(&seen, 0, 0, INFINITY, STEPS);
-        if (disk.depth > TELLS_BLUR && doubt_of(edges->all + i) < CLEAR_DOUBT)
+        if (disk.depth > TELLS_BLUR)
             squares[count++] = lens_square(disk.blur, seen.side);
     }
     *usual = count < LEAST_WIDE ? NAN : larger(order_statistic(squares, count, (int64_t)(USUAL * (double)count)), 0);
@@ -1233,10 +1236,10 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
         const double expected = larger(ring.level, LEAST_LEVEL), telling = smaller(expected / TELLING, 1);
         const double share = between(seen.middle / expected, -0.2, 1.2);
         hole = 0.5 + (share - 0.5) * telling * telling;
-        other = sqrt(ring.semi[0] * ring.semi[1] / larger(behind.semi[0] * behind.semi[1], 1e-9));
+        other = between(sqrt(ring.semi[0] * ring.semi[1] / larger(behind.semi[0] * behind.semi[1], 1e-9)), 0.5, 2);
         if (hole > 0.5) {
             behind = ring;
-            other = 1 / larger(other, 0.1);
+            other = 1 / other;
         }
     }
     const double variance = larger(MISFIT * edge->rms * edge->rms, CROSSING_PX * CROSSING_PX), square = side * side;
@@ -1251,7 +1254,7 @@ static void make_blob(const Edge *edge, const Pyramid *p, double usual, Blob *bl
         .dark = light - p->unit * edge->step / behind.depth,
         .blur = sqrt(larger(lens_square(behind.blur, side) + PIXEL, LEAST_BLUR * LEAST_BLUR)),
         .hole = between(hole, 0, 1),
-        .other = between(other, 0.5, 2),
+        .other = other,
         .doubt = doubt_of(edge),
         .side = side,
         .state = ROUGH,

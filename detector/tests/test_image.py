@@ -105,10 +105,10 @@ def test_disks_of_few_blurs_have_their_sizes_and_blur(rng, blurs):
     blur = 1.5
     dots = grid(rng, blurs * blur, (300, 400))
     blobs = find_blobs(drawn((300, 400), dots, rng, blur=blur))
-    found = blobs[matched(blobs, dots[:, :2])]
+    disks = blobs[matched(blobs, dots[:, :2])]
     # Of 1.75 blurs, they are 1 % too small and their blur 3 % too large; as if edges were straight, 17 and 33 %.
-    assert np.median(found["semi"][:, 0] / dots[:, 2]) == pytest.approx(1, abs=0.05)
-    assert np.median(found["blur"]) == pytest.approx(np.hypot(blur, 12**-0.5), rel=0.08)
+    assert np.median(disks["semi"][:, 0] / dots[:, 2]) == pytest.approx(1, abs=0.05)
+    assert np.median(disks["blur"]) == pytest.approx(np.hypot(blur, 12**-0.5), rel=0.08)
 
 
 @pytest.mark.parametrize("blurs", [1.75, 2.0, 2.25])

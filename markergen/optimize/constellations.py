@@ -481,7 +481,8 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
     counts = [f"{len(scale.points)} of {format_length(scale.diameter)}" for scale in scales]
     sizes = ", ".join(counts)
     # Bounds of rotation and translation, RMS over the poses that are served.
-    seen, bounds = poses.taken(served, 0), {each.key: each.bound for each in columns().values() if each.bound}
+    seen = poses.taken(served, 0)
+    bounds = {column.key: column.bound for column in columns().values() if column.bound}
     total = aggregate_of("rms", seen.weight)
     row = {key: float(total(bound(pose[served][None], seen), 0.0)[0][0]) for key, bound in bounds.items()}
     settled = replace(spec, n=len(marker), dot=scales[0].diameter)

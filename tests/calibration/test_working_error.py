@@ -100,13 +100,13 @@ def _spread(places, camera, turn, shift, blocks):
 def test_the_mean_square_is_linear_in_the_covariance(calibrated):
     n = 6
     rotation, translation = hand_held(5, np.random.default_rng(0), layout(n))
-    found = sensitivity(
+    working = sensitivity(
         calibrated.places, calibrated.camera, rotation, translation, NOISE, _blocks(calibrated.joint, n)
     )
-    told = found.expected(calibrated.joint)
-    turns, moves = (np.trace(each @ calibrated.joint) for each in found.matrices)
-    assert np.rad2deg(np.sqrt(turns + np.deg2rad(told.image[0]) ** 2)) == pytest.approx(told.rotation_deg)
-    assert np.sqrt(moves + told.image[1] ** 2) == pytest.approx(told.translation)
+    expected = working.expected(calibrated.joint)
+    turns, moves = (np.trace(matrix @ calibrated.joint) for matrix in working.matrices)
+    assert np.rad2deg(np.sqrt(turns + np.deg2rad(expected.image[0]) ** 2)) == pytest.approx(expected.rotation_deg)
+    assert np.sqrt(moves + expected.image[1] ** 2) == pytest.approx(expected.translation)
 
 
 def test_a_wrong_scale_of_the_print_moves_the_marker_along_the_line_of_sight_only(calibrated):

@@ -133,8 +133,8 @@ def test_a_lens_that_bends_is_allowed_for():
 def test_another_tag_is_named_and_not_taken(tag_views):
     image, _ = tag_views[0]
     other = Tag("apriltag:36h11", 8, 0.15)
-    found = detect_fiducial(image, other, FiducialSettings("apriltag"), PAPER_CAMERA)
-    assert found.reason == "no tag with id 8, but [7]"
+    sighting = detect_fiducial(image, other, FiducialSettings("apriltag"), PAPER_CAMERA)
+    assert sighting.reason == "no tag with id 8, but [7]"
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 300), (40, 40), (480, 640)])

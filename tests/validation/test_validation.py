@@ -28,9 +28,9 @@ def results(pentagon):
     calls = []
     setting = setting_of(pentagon)
     series = SyntheticViews(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
-    found = run_validation(series, runs=5, stressed=True, progress=lambda *call: calls.append(call))
+    validated = run_validation(series, runs=5, stressed=True, progress=lambda *call: calls.append(call))
     assert {stage for stage, _, _ in calls} == {"trials", "views", "stress", "expected errors"}
-    return found
+    return validated
 
 
 def test_everything_is_plain_json(results):
@@ -78,15 +78,15 @@ def test_dots_too_small_to_be_found_are_named(results, make_ngon):
     assert not any("it takes" in line for line in sentences.view_sentences(results))
     small = make_ngon(5, 0.15, 0.012)
     setting = setting_of(small)
-    told = run_validation(bare(small, setting), runs=0)
+    validated = run_validation(bare(small, setting), runs=0)
     # f d sqrt(cos(tilt)) / z at the middle; the ring is up to 0.12 m farther away, and seen at a lower angle.
     tilt = np.cos(np.deg2rad(setting.poses.polar_angle_deg))
     extent = 800 * 0.012 * np.sqrt(tilt) / setting.poses.distance
-    assert told["dots"]["least_px"] == pytest.approx(extent.min(), rel=0.15)
-    assert told["dots"]["needed_px"] == RING_PIXELS
-    assert told["dots"]["too_small"] == pytest.approx(np.mean(extent < RING_PIXELS), abs=0.1)
-    assert 0 < told["dots"]["too_small"] < 1
-    line = sentences.view_sentences(told)[0]
+    assert validated["dots"]["least_px"] == pytest.approx(extent.min(), rel=0.15)
+    assert validated["dots"]["needed_px"] == RING_PIXELS
+    assert validated["dots"]["too_small"] == pytest.approx(np.mean(extent < RING_PIXELS), abs=0.1)
+    assert 0 < validated["dots"]["too_small"] < 1
+    line = sentences.view_sentences(validated)[0]
     assert line.startswith("In ")
     assert f"{RING_PIXELS:g} px that it" in line
 
@@ -127,8 +127,8 @@ def test_shares_are_plain_percentages(share, text):
 
 def test_trials_of_the_others_belong_to_one_layout(pentagon):
     series = bare(pentagon, setting_of(pentagon, "cone:count=20"))
-    found = run_validation(series, runs=2, trials_for_all=True, workers=1)
-    for row in found["comparisons"].values():
+    validated = run_validation(series, runs=2, trials_for_all=True, workers=1)
+    for row in validated["comparisons"].values():
         assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
 

@@ -211,20 +211,20 @@ def _sites(body: Body) -> Iterator[Site]:
 
 def _collisions(work: Designed, parts: Sequence[Mesh], visuals: Sequence[Shown]) -> Iterator[Collision]:
     """One shape for a marker, one for each plate of an assembly; of a block its box, or the hull of what is light."""
-    made = work.made
-    points = np.concatenate([mesh.points for mesh in (parts[:1] if made.block else parts)]) / 1e3
+    body = work.made
+    points = np.concatenate([mesh.points for mesh in (parts[:1] if body.block else parts)]) / 1e3
     size, middle = np.ptp(points, axis=0), (points.min(axis=0) + points.max(axis=0)) / 2
     if work.subject.frame == "marker":
-        yield _simple("collision", size, middle, np.eye(3), [plate.is_disk for plate in made.made[0].plates] == [True])
-    elif not made.block:
-        for part in made.parts:
+        yield _simple("collision", size, middle, np.eye(3), [plate.is_disk for plate in body.made[0].plates] == [True])
+    elif not body.block:
+        for part in body.parts:
             piece = part.pieces[0]
             if piece.part.is_plate:
                 (left, bottom, right, top), (back, front) = piece.part.add[0].box, piece.part.add[0].span
                 middle = piece.to_body(np.array([left + right, bottom + top, back + front]) / 2) / 1e3
                 size = np.array([right - left, top - bottom, front - back]) / 1e3
                 yield _simple(f"{part.name}/collision", size, middle, np.array(piece.rotation), piece.part.is_disk)
-    elif np.isclose(np.prod(size), 1e-9 * volume_of(made.block), rtol=1e-6):
+    elif np.isclose(np.prod(size), 1e-9 * volume_of(body.block), rtol=1e-6):
         yield _simple("collision", size, middle, np.eye(3), False)
     else:
         for visual in visuals:

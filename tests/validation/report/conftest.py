@@ -43,9 +43,9 @@ def budget(pentagon, few):
 def results(pentagon, few, budget):
     """Real trials and bounds; views drawn from the covariances, as if the detector were perfect."""
     series = SyntheticViews(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
-    found = run_validation(series, runs=3, workers=1)
-    found["views"] = synthetic_views(pentagon, few, budget)
-    return json.loads(json_bytes(found))
+    results = run_validation(series, runs=3, workers=1)
+    results["views"] = synthetic_views(pentagon, few, budget)
+    return json.loads(json_bytes(results))
 
 
 def synthetic_views(marker, setting, budget):
