@@ -99,6 +99,21 @@ def test_saturated_paper_does_not_move_the_centers(rng):
     assert np.median(blobs["light"][good]) == pytest.approx(330, abs=40)
 
 
+def test_a_highlight_that_saturates_beside_dots_hardly_moves_their_centers(rng):
+    off = []
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    for _ in range(3):
+        at = rng.uniform((70, 70), (330, 230), (3, 2))
+        shine = 180 * np.exp(-np.min([(x - u) ** 2 + (y - v) ** 2 for u, v in at], axis=0) / (2 * 25**2))
+        dots, blobs = fitted(grid(rng, 8.0, SHAPE), rng, light=200 + shine, dark=40 + shine, noise=2.0)
+        good = blobs["state"] == FITTED
+        assert good.mean() > 0.9
+        beside = np.abs(shine[tuple(np.rint(dots[:, 1::-1]).astype(int).T)] - 55) < 25
+        off.append(np.linalg.norm(blobs["center"] - dots[:, :2], axis=1)[good & beside])
+    # With straight light, 0.046 px.
+    assert np.median(np.concatenate(off)) < 0.025
+
+
 def test_a_part_that_is_covered_is_left_out_and_more_is_refused(rng):
     dots = grid(rng, 14.0, SHAPE, tilt=1.05)
 
