@@ -158,8 +158,10 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
         MEANING: [
             "expected to be # m - @ for",
             "median, # % |",
+            "lie within the region of # %, @ %",
         ],
         SETTING: [
+            "motion blur of 1 to # px, and",
             "Of dots of # px (the",
             "of those of # px @ %",
             "at # px and @ px at # px",

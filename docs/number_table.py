@@ -70,6 +70,7 @@ STEREO = Command("python -m benchmarks.stereo", 60)
 LENSES = Command("python -m benchmarks.lens_claims --sets 1000", 1200)
 RIG_BENCH = Command("python -m benchmarks.rigs", 900)
 BLURRED = Command("python -m benchmarks.detection_quality blurred", 60)
+COVERAGE = Command("python -m benchmarks.detection_quality coverage", 1200)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 1200)
 FMAC = Command(
@@ -456,6 +457,13 @@ MEASURED: Sequence[Entry] = (
         [(SMALL, "2.5 px, ring 50 @ @ @ @ #"), (SMALL, "5.0 px, ring 50 @ @ @ @ #")],
     ),
     _all_found(),
+    Number(
+        DETECT,
+        "# % in clean images lie within the region of 95 %, # % with the edge of a shadow on the marker, "
+        "# % under highlights that saturate, # % behind motion blur of 1 to 5 px, and # % after",
+        COVERAGE.line,
+        [(COVERAGE, f"{name} 2000 @ @ @ @ #") for name in ("clean", "shadow", "highlight", "motion", "jpeg")],
+    ),
     Number(
         DETECT,
         "the median error of a center is # px at 3 px and # px at 7 px",
