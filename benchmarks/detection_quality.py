@@ -8,7 +8,7 @@ finds:    markers found in 1,000 images without one
 disks:    markers of 5 to 60 dots found among 250 to 1,000 disks of equal size, in 300 images
 coverage: true poses within the 95 % region of the covariance, clean and in damaged images, 2,000 each
 small:    markers and dots found by the dots' diameter in the image
-blurred:  markers found by blur and by the dots' diameter in the image
+blurred:  markers found by blur and by the dots' diameter in the image, of dots apart and of close ones
 
 A share of 0.03 takes two minutes, all of it an hour or two.
 """
@@ -241,18 +241,21 @@ def small(share: float, keep: Path | None) -> dict[str, Rows]:
 
 
 def blurred(share: float, keep: Path | None) -> dict[str, Rows]:
-    markers, rows = [scenes.random_marker(5, True, seed=k, diameter=0.016) for k in range(10)], Rows()
-    for blur in BLURS_PX:
-        for size in BLURRED_PX:
-            distance, verdicts = CAMERA.fx * markers[0].dot_diameter / size, []
-            for k in range(max(round(50 * share), 1)):
-                marker = markers[k % len(markers)]
-                rng = np.random.default_rng([6, int(10 * blur), size, k])
-                placed = scenes.pose(CAMERA, rng, (distance, distance), (0, 30))
-                scene = scenes.view(marker, CAMERA, placed, rng, Optics(blur_px=blur))
-                verdicts.append(see(scene, keep, f"blurred-{blur}-{size}-{k}")[0])
-            rows.setdefault(f"blur {blur} px", {})[f"{size} px"] = summary(verdicts)["found %"]
-    return {"found % by blur and diameter": rows}
+    tables = dict[str, Rows]()
+    layouts = {"2 diameters apart": [0, 2, 4, 5, 6, 8, 9], "1.25 to 1.53 diameters apart": [1, 3, 7]}
+    for apart, seeds in layouts.items():
+        markers = [scenes.random_marker(5, True, seed=seed, diameter=0.016) for seed in seeds]
+        rows = tables[f"found % by blur and diameter, {apart}"] = Rows()
+        for blur in BLURS_PX:
+            for size in BLURRED_PX:
+                distance, verdicts = CAMERA.fx * markers[0].dot_diameter / size, []
+                for k in range(max(round(50 * share), 1)):
+                    rng = np.random.default_rng([6, int(10 * blur), size, k])
+                    placed = scenes.pose(CAMERA, rng, (distance, distance), (0, 30))
+                    scene = scenes.view(markers[k % len(markers)], CAMERA, placed, rng, Optics(blur_px=blur))
+                    verdicts.append(see(scene, keep, f"blurred-{blur}-{size}-{k}-{len(markers)}")[0])
+                rows.setdefault(f"blur {blur} px", {})[f"{size} px"] = summary(verdicts)["found %"]
+    return tables
 
 
 PARTS: dict[str, Callable[[float, Path | None], dict[str, Rows]]] = {

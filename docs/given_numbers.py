@@ -162,6 +162,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
         ],
         SETTING: [
             "motion blur of 1 to # px, and",
+            "tilted by up to # degrees",
             "Of dots of # px (the",
             "of those of # px @ %",
             "at # px and @ px at # px",
