@@ -68,9 +68,9 @@ class ImageNoise:
     def size_factor(self) -> float:
         """How much larger dots have to be to be found than at the usual blur: 1 + 0.45 (blur - 0.7 px), or 1.
 
-        Five dots two diameters apart are found from 6 px on at a blur of up to 3 px, tilted by up to 30 deg, by ``python -m
-        benchmarks.detection_quality blurred``. At a slant, blur fills the gaps between dots and the hole of the key ring:
-        with 0.25, 14 of 300 views of the default poses, up to 70 deg, are missed at 3 px, and none with 0.45.
+        Five dots two diameters apart are found from 6 px on at a blur of up to 3 px, tilted by up to 30 deg, by
+        ``python -m benchmarks.detection_quality blurred``. At a slant, blur fills the gaps between dots and the hole of
+        the key ring: with 0.25, 14 of 300 views of the default poses, up to 70 deg, are missed at 3 px, with 0.45 none.
         """
         return max(1.0, 1 + 0.45 * (self.blur_px - BLUR_PX))
 
