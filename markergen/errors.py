@@ -63,12 +63,12 @@ class MissingLibraryError(MarkergenError):
 
 @contextmanager
 def with_place(place: str) -> Iterator[None]:
-    """Add a place, such as ``at K in camera.yaml``, to an error about a value."""
+    """Add a place, such as ``at K in camera.yaml``, to an error about a value that does not name it."""
     try:
         yield
     except InputError as error:
         expected, problem, remedy = error.args
-        raise InputError(f"{expected} {place}", problem, remedy) from None
+        raise InputError(expected if place in expected else f"{expected} {place}", problem, remedy) from None
 
 
 def brief(value: object) -> str:

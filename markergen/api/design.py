@@ -15,7 +15,7 @@ from markergen.api.export import choices_of
 from markergen.defaults import PRINT_SIGMA
 from markergen.drawing.paper import SheetOptions, paper_of_locale
 from markergen.drawing.sheet_layout import USUAL, fits, largest_disk, page_room
-from markergen.errors import InputError
+from markergen.errors import InputError, with_place
 from markergen.exporters import RECORD, ExportOptions
 from markergen.exporters.saving import check_exports, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
@@ -314,6 +314,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     if "objective" in asked:
         asked["objective"] = objective_name(asked["objective"])
     values = read_template(str(template)) if template else {}
+    source = _source(template, asked)
     if "shape" in values:
         raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
     # Each of them defines the available room, so the one that is given replaces the template's.
@@ -330,15 +331,17 @@ def request_of(options: Mapping[str, Any]) -> Request:
             values["camera"] = Camera.load(values["camera"])
     # An export has a gap, too, around inlays.
     names = [name for name in DesignKeywords.__annotations__ if name in values and name != "gap"]
-    sheet = given({name: values[name] for name in names}, DesignKeywords)
-    choices = choices_of(sheet)
+    sheet = given({name: values[name] for name in names}, DesignKeywords, str(template))
+    with with_place(f"in {source}" if template else ""):
+        choices = choices_of(sheet)
     if page:
         values = {name: value for name, value in values.items() if name != "boundary"}
 
     @cache
     def make(*room: int) -> Spec:
         named = {"radius": f"{room[0]}mm"} if fit else {"boundary": "rect:{}mmx{}mm".format(*room)} if page else {}
-        return spec_from_mapping(values | named, str(template or OPTIONS))
+        with with_place(f"in {source}" if template else ""):
+            return spec_from_mapping(values | named, source)
 
     limits = radius_limits(make, choices.sheet) if fit else None
     spec = make(limits[0]) if limits else make(*_held_by_page(make, choices.sheet)) if page else make()
@@ -376,6 +379,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
     if "objective" in asked:
         asked["objective"] = objective_name(asked["objective"])
     template = asked.pop("template", None)
+    source = _source(template, asked)
     if template:
         values = read_template(str(template))
         if "shape" not in values:
@@ -383,7 +387,7 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
             raise InputError("a template of a rig", f"{template}, of one plate", remedy)
         shape = shape or str(values["shape"])
         template_values = {key: value for key, value in values.items() if key not in ("shape", "title")}
-        asked = given(template_values, RigKeywords) | asked
+        asked = given(template_values, RigKeywords, str(template)) | asked
     if not shape:
         remedy = "write cube, or --template with a name of markergen templates"
         raise InputError("a shape or a template", "neither", remedy)
@@ -397,8 +401,9 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         geometry = rig_shape(shape, **measures)
     values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
-    spec = replace(spec_from_mapping(values, OPTIONS), substrate=geometry.substrate)
-    tags = _tags(asked, len(geometry.faces))
+    with with_place(f"in {source}" if template else ""):
+        spec = replace(spec_from_mapping(values, source), substrate=geometry.substrate)
+        tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
     listed = shape if markers or geometry.text == "plates" else None
     return Request(
@@ -410,6 +415,11 @@ def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
         seconds=asked.get("time", inf),
         shape=geometry,
     )
+
+
+def _source(template: File | None, asked: Mapping[str, Any]) -> str:
+    """Return where the values of a request are from, as messages name it."""
+    return f"{template} or the options" if template and asked.keys() - OUTSIDE_SPEC else str(template or OPTIONS)
 
 
 def _tags(asked: dict[str, Any], count: int) -> list[str]:

@@ -161,7 +161,7 @@ def takes(table: type) -> Callable[[F], F]:
     return decorate
 
 
-def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
+def settle(options: Mapping[str, Any], table: type, spec: str = "") -> dict[str, Any]:
     """Check a caller's options and return all options of the table, converted and with defaults filled in.
 
     As strict as a spec file: no ``"5"`` for a number, no True for 1. NumPy scalars count as numbers.
@@ -172,6 +172,8 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
         Keyword arguments; None means that the option was not given.
     table : type
         One of the tables of `markergen.options.declarations`, named after its function, as in ``ValidateKeywords``.
+    spec : str
+        Name of the spec that the options are from; they are a caller's if empty.
 
     Returns
     -------
@@ -212,7 +214,10 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
             findings.append(f"{name}={brief(asked)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
-        raise InputError(f"options of {function}", ", ".join(findings), f"see help({function})")
+        expected, remedy = f"options of {function}", f"see help({function})"
+        if spec:
+            expected, remedy = f"a valid spec in {spec}", "correct these places"
+        raise InputError(expected, ", ".join(findings), remedy)
     return settled
 
 
@@ -241,9 +246,9 @@ def check_progress(progress: object, takes: str = "a stage, what is done, and a 
         raise InputError("a function for progress", brief(progress), f"give one that takes {takes}")
 
 
-def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
-    """Return only the options that a caller gave, checked and converted as by `settle`."""
-    settled = settle(options, table)
+def given(options: Mapping[str, Any], table: type, spec: str = "") -> dict[str, Any]:
+    """Return only the options that a caller or a spec gave, checked and converted as by `settle`."""
+    settled = settle(options, table, spec)
     return {name: settled[name] for name, value in options.items() if value is not None}
 
 

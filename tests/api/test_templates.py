@@ -81,6 +81,25 @@ def test_what_is_given_replaces_what_the_template_says(tmp_path):
     assert [len(each.marker) for each in made.rig.markers] == [4, 4]
 
 
+@pytest.mark.parametrize(
+    ("make", "text", "options", "words"),
+    [
+        (mg.design, 'radius = "abc"', {}, ["a valid spec in my.toml", "radius='abc'", "correct these places"]),
+        (mg.design, 'paper = "A9"', {}, ["a known paper size in my.toml,"]),
+        (mg.design, "n = 3", {"output": "marker.pdf"}, ["4 control points in my.toml, "]),
+        (mg.design, "n = 6", {"n": 3}, ["4 control points in my.toml or the options, "]),
+        (mg.rig, 'shape = "cube"\nedge = "x"', {}, ["a valid spec in my.toml", "edge='x'", "correct these places"]),
+        (mg.rig, 'shape = "cube"\ntag = "x"', {"output": "rig.json"}, ["DICT_4X4_50 in my.toml, "]),
+    ],
+)
+def test_an_error_in_a_template_names_its_file(make, text, options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(text)
+    with pytest.raises(mg.InputError) as refused:
+        make(template="my.toml", **options)
+    assert all(word in str(refused.value) for word in words)
+
+
 def test_the_print_is_that_of_the_design():
     usual = {"n": 4, "radius": "60mm", "restarts": 1, "poses": "cone:count=4"}
     marker = mg.design(**usual, noise_model="image", print_sigma="0.5um").marker
