@@ -377,8 +377,8 @@ static Pose exchanged(const Pose *plate, const Pose *other, const Pose *seen)
     return joined(&in_camera, &to_body);
 }
 
-/* Whether the mirrored image of a layout is there; pool is one for it. */
-static int is_mirrored(Frame *frame, const Layout *layout, Pool *pool)
+/* Whether the mirrored image of a layout is there, with more evidence than the layout; pool is one for it. */
+static int is_mirrored(Frame *frame, const Layout *layout, Pool *pool, double evidence)
 {
     /* Most images are of something else, and a mirrored body is in plain sight. */
     const Budget budget = {frame->budget.steps / 3, late, frame->budget.until};
@@ -386,7 +386,7 @@ static int is_mirrored(Frame *frame, const Layout *layout, Pool *pool)
     mirror_scene(&frame->scene);
     search(&frame->scene, layout, &budget, 0, &frame->work, pool);
     mirror_scene(&frame->scene);
-    return best_of(pool)->evidence > SURE + 10;
+    return best_of(pool)->evidence > fmax(SURE, evidence) + 10;
 }
 
 /* Looks for each plate by itself where a body's labeling has left a plate's dots unexplained, or another one contradicts it:
@@ -419,7 +419,7 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
             if (best_of(&pool)->evidence > SURE) {
                 poses[count] = best_of(&pool)->pose;
                 plates[count++] = p;
-            } else if (unexplained && mirrors < PLATES && is_mirrored(frame, &own, &pool))
+            } else if (unexplained && mirrors < PLATES && is_mirrored(frame, &own, &pool, 0))
                 mirrored[mirrors++] = p;
         }
         free((void *)own.constellations[layout->constellation_count].dots);
@@ -618,6 +618,19 @@ static int next_finding(Frame *frame)
         return NO_MEMORY;
     if (misplaced)
         finding.state = CONTRADICTED;
+    if (finding.state == AMBIGUOUS && !quest->found) {
+        Pool pool;
+        if (pool_for(&pool, layout->count))
+            return NO_MEMORY;
+        const int mirrored = is_mirrored(frame, layout, &pool, chosen->evidence);
+        free(pool.memory);
+        if (mirrored) {
+            quest->why = finding;
+            quest->why.state = MIRRORED;
+            quest->ended = CLOSED;
+            return 1;
+        }
+    }
     int status = 0;
     for (int64_t l = 0; l < model->layout_count && !status; l++) {
         Quest *other = frame->quests + l;
@@ -688,8 +701,9 @@ static int64_t label_blobs(const Model *model, const Camera *camera, int calibra
         if (there)
             continue;
         Finding *why = &frame.quests[l].why;
-        const int searched = why->state == UNFIT && findings->blob_count >= LEAST_DOTS && !late(&frame.budget);
-        if (searched && is_mirrored(&frame, model->layouts + l, &frame.quests[l].pool))
+        const int unfit = why->state == UNFIT || why->state == UNSURE;
+        const int searched = unfit && findings->blob_count >= LEAST_DOTS && !late(&frame.budget);
+        if (searched && is_mirrored(&frame, model->layouts + l, &frame.quests[l].pool, why->evidence))
             why->state = MIRRORED;
         Finding finding = *why;
         finding.member = (int32_t)k;

@@ -69,6 +69,15 @@ def test_a_mirrored_image_is_called_mirrored(tagged):
     assert "mirrored" in found.reason
 
 
+@pytest.mark.parametrize(("sigma", "state"), [(0.001, "mirrored"), (0.003, "mirrored"), (0, "ambiguous")])
+def test_a_mirrored_image_of_a_nearly_symmetric_layout_is_called_mirrored(sigma, state, grid):
+    off = np.random.default_rng(1).normal(0, 1, GRID.shape)
+    marker = build_marker(GRID + sigma * off, Circle(0.15), diameter=0.03, clearance=0.003, keyed=False)
+    assert detect(view(marker), marker, PAPER_CAMERA).ok == (sigma > 0)
+    found = detect(view(marker)[:, ::-1], marker, PAPER_CAMERA)
+    assert (found.ok, found.finding.state) == (False, state)
+
+
 def test_what_became_of_the_tag(tagged):
     image = view(tagged)
     corners = detect(image, tagged, PAPER_CAMERA).tag
