@@ -28,7 +28,7 @@ from the second equation with R_C, and F from all poses.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import ClassVar, Self
 
 import numpy as np
@@ -38,7 +38,8 @@ from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import JointRows, Joints, Pose, Views
 from markergen.errors import InputError
 from markergen.maths.rotation import inverse_pose, logarithm, pose_product, skew
-from markergen.units import two_digits
+from markergen.presentation.tables import number
+from markergen.units import METERS, two_digits
 
 LEAST, UNKNOWNS = 3, 13
 """Fewest photographs, since two rotations about axes that differ determine X and Z; parameters of X, Z and log s."""
@@ -55,6 +56,10 @@ HOPELESS_DEG = 10.0
 
 SCALES = (0.5, 2.0)
 """Scales beyond which a unit is wrong, not a print."""
+
+UNITS = ("mm", "cm", "m", "in", "ft")
+SAME_UNIT = 1.08
+"""Ratio up to which a scale is that of two units; 10 mm in a cm and 12 in in a ft are 1.2 apart."""
 
 SUSPECTS = 8
 """Number of photographs of the largest residuals that may be exchanged, or left out."""
@@ -248,11 +253,14 @@ def agreeing(
             "check --robot-rotation, --robot-angle, and which photograph a pose belongs to",
         )
     if not SCALES[0] < scale < SCALES[1]:
-        raise InputError(
-            "a robot and a marker of one scale",
-            f"a length of the marker of 1 m is {scale:.3g} m by the robot",
-            "check --robot-unit and the marker's size, and move the flange, besides turning it",
-        )
+        # Without the usual scale, which drew 0.001 to 0.02.
+        scale *= hand_eye_start((flange[0][kept], flange[1][kept]), robot.moving(views.take(kept))[0])[2]
+        remedy = "check --robot-unit and the marker's size, and move the flange, besides turning it"
+        for read, right in permutations(UNITS, 2):
+            if abs(np.log(scale * float(METERS[right]) / float(METERS[read]))) < np.log(SAME_UNIT):
+                remedy = f"these are {right}, read as {read}: give --robot-unit {right}"
+        found = f"a length of the marker of 1 m is {number(float(scale))} m by the robot"
+        raise InputError("a robot and a marker of one scale", found, remedy)
     return robot, kept
 
 

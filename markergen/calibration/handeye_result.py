@@ -44,6 +44,10 @@ OPEN_SHARE, OPEN_RAD = 0.05, np.deg2rad(2.0)
 OPEN_SCALE = 0.02
 """Standard deviation of the scale, as a share, from which it is open: prints are good to 0.5 %."""
 
+SURE_SCALE = 0.005
+"""Standard deviation up to which a scale near 1 shows that the size is right: three photographs of a print that was
+2 % too large had 0.01, four 0.003."""
+
 IMPLAUSIBLE = np.deg2rad(0.3), 2e-3
 """Errors of a robot, rad and m along each axis, from which the camera is doubted: arms for hobbyists reach 1 mm."""
 
@@ -201,7 +205,9 @@ class HandEye(SavableResult):
             self._scale_sentence(),
             f"{len(self.photos)} photographs, residuals {adjustment.rms:.3f} px RMS; the robot's poses are off by "
             f"{moved}{number(translation, 2)} mm and {turned}{number(rotation, 2)} deg along each axis.",
-            f"A left-out pose is predicted to {self._left_out()}.",
+            f"A left-out pose is predicted to {self._left_out()}."
+            if len(self.photos) > LEAST
+            else f"{LEAST} photographs leave none over to check this with: {ADVICE}.",
         ]
         if self.robot_sigma[0] > IMPLAUSIBLE[0] or self.robot_sigma[1] > IMPLAUSIBLE[1]:
             mended = "the camera is not as given; leave out --camera, or give --camera-covariance"
@@ -215,6 +221,8 @@ class HandEye(SavableResult):
     def _scale_sentence(self) -> str:
         off, sigma = self.scale - 1, self.scale * float(self.sigma[12])
         verdict = "the marker's size is right"
+        if sigma > SURE_SCALE:
+            verdict = "too roughly to check the marker's size"
         if abs(off) > DIFFERENT * sigma:
             verdict = (
                 f"the print is {100 * abs(off):.2g} % {'larger' if off > 0 else 'smaller'} than the marker's file says"

@@ -90,6 +90,14 @@ def test_camera_and_marker_are_found_in_both_mountings(table, mounting):
     assert len(ax.texts) == 6
 
 
+def test_three_photographs_show_no_size_and_leave_none_over():
+    photos = [f"photos/{k}.png" for k in range(3)]
+    text = str(mg.handeye("marker.json", photos, "hand.csv", "camera.yaml", workers=1, **STATED))
+    assert "too roughly to check the marker's size" in text
+    assert "3 photographs leave none over" in text
+    assert "left-out pose" not in text
+
+
 def test_the_command_writes_results_and_plot(here, capfd):
     words = ["handeye", "marker.json", "photos", "--robot", "hand.csv", "--camera", "camera.yaml", *WORDS]
     assert main([*words, "-o", "result.json", "-o", "plot.svg"]) == 0

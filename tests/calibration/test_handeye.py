@@ -143,7 +143,9 @@ def test_parallel_axes_and_no_rotation_are_refused():
 def test_few_photographs_wrong_units_and_wrong_rotations_are_refused():
     views, flange, *_ = posed(np.random.default_rng(8), 8)
     assert "3" in refused(views.take(np.arange(2)), (flange[0][:2], flange[1][:2])).args[0]
-    assert "--robot-unit" in refused(views, (flange[0], 1000 * flange[1])).args[2]
+    for factor, unit in ((1000, "mm"), (10, "mm"), (1 / 1000, "m"), (0.01, "m"), (0.0254, "m"), (12, "in")):
+        assert f"give --robot-unit {unit}" in refused(views, (flange[0], factor * flange[1])).args[2]
+    assert "check --robot-unit" in refused(views, (flange[0], 5 * flange[1])).args[2]
     wrong = exponential(np.random.default_rng(0).normal(0, 1, (8, 3)))
     assert "--robot-rotation" in refused(views, (wrong, flange[1])).args[2]
 
