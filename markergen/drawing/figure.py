@@ -136,6 +136,17 @@ def drawn_box(boundary: Boundary, factor: Point = (1.0, 1.0)) -> Box:
     return left, bottom, right, top
 
 
+LOOSEST = 0.61
+"""Share of a disk up to which dots with their clearance have room in it: five had at 0.61, six not at 0.65."""
+
+
+def has_room(figure: Figure, radius: float) -> bool:
+    """True where the dots have room in a disk of this radius in mm; False if holes, keep-outs or a tag need some."""
+    marker, spec = figure.marker, figure.marker.provenance.get("spec") or {}
+    covered = sum((dot.radius + 1e3 * marker.clearance) ** 2 for dot in figure.dots)
+    return covered <= LOOSEST * radius**2 and not (marker.tag or figure.hole_boxes or spec.get("keep_outs"))
+
+
 def dot_sizes(marker: Marker) -> str:
     """Diameters of a marker's dots in words, the largest first."""
     sizes = sorted({point.feature.diameter for point in marker.control_points}, reverse=True)

@@ -20,17 +20,10 @@ from math import ceil, floor, inf
 
 from markergen.drawing.annotations import nameless_note, paragraph
 from markergen.drawing.colors import Colors
-from markergen.drawing.figure import Figure, compensated_note, dot_sizes, drawn_box, is_disk, size_words
+from markergen.drawing.figure import Figure, compensated_note, dot_sizes, drawn_box, has_room, is_disk, size_words
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
 from markergen.drawing.paper import ISO, MARKER_FILE, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
-from markergen.drawing.print_measurements import (
-    AIR,
-    BAND,
-    draw_footer,
-    far_pair,
-    ruler_words,
-    short_rulers,
-)
+from markergen.drawing.print_measurements import AIR, BAND, draw_footer, far_pair, ruler_words, short_rulers
 from markergen.drawing.scene import (
     BLACK,
     Box,
@@ -177,22 +170,27 @@ def _around(outline: Box, beyond: float, colors: Colors) -> "_Reach":
     return _Reach(outline, (left + beyond, down + beyond, right + beyond, up + beyond), colors.grounded)
 
 
-def _smaller(boundary: Boundary, beyond: float, options: SheetOptions) -> str:
+def _smaller(boundary: Boundary, beyond: float, options: SheetOptions, figure: Figure | None = None) -> str:
     """Words on the largest outline that one page of the paper holds, of `USUAL` if none is named."""
     options = options if options.paper else replace(options, paper=USUAL.name)
     frames = options.candidates()
     name = frames[0].paper.name
     if is_disk(boundary):
         radius = largest_disk(options, beyond)
-        return (
-            f"a page of {name} holds a disk of radius {radius} mm: markergen design --radius {radius}mm --paper {name}"
-        )
+        remedy = f": design it with --radius {radius}mm" if figure and has_room(figure, radius) else ""
+        return f"a page of {name} holds a disk of radius {radius} mm{remedy}"
     width, height = max((_room(frame, beyond, options.colors) for frame in frames), key=min)
     return f"a page of {name} has room for an outline of {floor(width)} x {floor(height)} mm"
 
 
 def _fitting(figure: Figure, options: SheetOptions) -> str:
-    return _smaller(figure.marker.boundary, _reach_of(figure, options).beyond, options)
+    return _smaller(figure.marker.boundary, _reach_of(figure, options).beyond, options, figure)
+
+
+def _larger(reach: "_Reach", options: SheetOptions) -> str:
+    """Words on the smallest known paper that holds a marker on a page; empty if there is none."""
+    fit = _whole(reach, options.frames([*both_ways(ISO), *PAPERS.values()]))
+    return f"use --paper {fit[0].paper.name}" if fit else ""
 
 
 @dataclass(frozen=True)
@@ -246,8 +244,9 @@ def _pages(figures: Sequence[Figure], places: Sequence[_Place], options: SheetOp
     for figure, place in zip(figures, places, strict=True):
         start, total = len(pages), sum(counts)
         if isinstance(place, Tiling):
-            smaller = _fitting(figure, options) if options.paper else ""
-            pages += tile_sheets(replace(figure, beside=()), options, place, (start + 1, total), smaller)
+            ways = filter(None, (_larger(_reach_of(figure, options), options), _fitting(figure, options)))
+            one_page = "; ".join(ways) if options.paper else ""
+            pages += tile_sheets(replace(figure, beside=()), options, place, (start + 1, total), one_page)
         else:
             pages.append(_single_page(figure, options, *place, (start + 1, total)))
     if len(figures) > 1:
@@ -270,8 +269,7 @@ def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, tiles: 
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
-    fit = _whole(reach, options.frames([*both_ways(ISO), *PAPERS.values()]))
-    larger = f"use --paper {fit[0].paper.name}" if fit else "no known paper holds it"
+    larger = _larger(reach, options) or "no known paper holds it"
     remedy = f"{larger}, or {tiles}; {_smaller(boundary, reach.beyond, options)}"
     if options.paper is None:
         return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)

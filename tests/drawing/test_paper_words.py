@@ -12,7 +12,7 @@ from markergen.read.outlines.boundary import parse_boundary
 
 def test_notes_say_which_paper_and_why(make_ngon):
     sheet = sheet_for(make_ngon(5, 0.15, 0.036))
-    tiled = " With --paper A4, a .pdf has it on tiles; " + sentence("page holds", "A4", 89, 89, "A4")
+    tiled = " With --paper A4, a .pdf has it on tiles; " + sentence("page holds", "A4", 89, 89)
     assert sheet.notes[0] == sentence("needs paper", "A2 (420 x 594 mm)", "disk is 300 mm across") + tiled
     assert "200 mm" in sheet.notes[1]
     larger = sheet_for(make_ngon(5, 0.15, 0.036), "A1")
@@ -57,9 +57,13 @@ def test_the_largest_disk_fits_and_no_larger_one(make_ngon, paper, dot):
 
 def test_tiles_say_what_a_page_holds(make_ngon, make_in, shapes):
     notes = pages_for([make_ngon(5, 0.15, 0.036)], SheetOptions("letter"))[0].notes
-    assert notes[1] == sentence("print on one", sentence("page holds", "letter", 91, 91, "letter"))
+    assert notes[1] == sentence("print on one", "A2", sentence("page holds", "letter", 91, 91))
     notes = pages_for([make_in(shapes["two squares"], 6, 0.015)], SheetOptions("A5"))[0].notes
-    assert notes[1] == sentence("print on one", sentence("page has room", "A5", "121 x 144 mm"))
+    assert notes[1] == sentence("print on one", "A4-landscape", sentence("page has room", "A5", "121 x 144 mm"))
+    # Nobody is sent where the dots have no room.
+    notes = pages_for([make_ngon(5, 0.15, 0.07)], SheetOptions("A4"))[0].notes
+    assert notes[1].startswith("To print it on one: use --paper A2; a page of A4 holds a disk of radius ")
+    assert "--radius" not in notes[1]
     # Without quiet zones, which dots at the edges need, there is room for 2 mm more.
     portrait = SheetOptions("A5", "portrait", tile=False)
     check_paper(parse_boundary("rect:121mmx146mm"), portrait)

@@ -129,9 +129,9 @@ SENTENCES = {
     # Sheets and files
     "needs paper": "The marker needs {}: its {}.",
     "stands on": "The marker stands on {}: its disk is {} across",
-    "page holds": "a page of {} holds a disk of radius {} mm: markergen design --radius {}mm --paper {}.",
+    "page holds": "a page of {} holds a disk of radius {} mm: design it with --radius {}mm.",
     "page has room": "a page of {} has room for an outline of {}.",
-    "print on one": "To print it on one: {}",
+    "print on one": "To print it on one: use --paper {}; {}",
     "no paper": "The disk of the marker is {} across. No paper up to A0 holds it, so it goes on {}",
     "one page": "{} markers stand on one page of {}.",
     "svg page": "A .svg file has one page; a .pdf fills pages of {}, or of another --paper.",
