@@ -24,6 +24,10 @@ DEFAULTS = (
 )  # fmt: skip
 """Default opponents of a single contestant: one of each that needs no further library."""
 
+_OTHERS = ("acircles:5x5", "pupil:36h11", "ringgrid:4x5", "stag:HD21")
+USUAL = {text.partition(":")[0]: text for text in (*DEFAULTS, *_OTHERS)}
+"""What the first word of a contestant stands for."""
+
 RIG_DEFAULTS = ("aruco:DICT_4X4_50", "apriltag:36h11")
 """Default opponents of a single rig."""
 
@@ -42,8 +46,8 @@ def line_up(
     Parameters
     ----------
     texts : sequence of str
-        Contestants in the forms of `markergen.comparison.contestants.listed`, or the first word of one of `DEFAULTS`,
-        with which a single one is compared.
+        Contestants in the forms of `markergen.comparison.contestants.listed`, or the first word of one of `USUAL`;
+        a single one is compared with `DEFAULTS`.
     poses : str, PoseDistribution or None
         Poses to use instead, in any form that `poses_from` accepts.
     seed : int
@@ -61,8 +65,7 @@ def line_up(
     if not texts:
         raise InputError("contestants to compare", "none", f"name some: {forms()}")
     bodies = given or {}
-    usual = {text.partition(":")[0]: text for text in DEFAULTS}
-    wanted = list(dict.fromkeys(text if text in bodies else usual.get(text, text) for text in texts))
+    wanted = list(dict.fromkeys(text if text in bodies else USUAL.get(text, text) for text in texts))
     loaded = {
         text: bodies[text] if text in bodies else _read(text)
         for text in wanted

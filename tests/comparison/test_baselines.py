@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from markergen.comparison.baselines import DEFAULTS, line_up
+from markergen.comparison.baselines import DEFAULTS, USUAL, line_up
+from markergen.comparison.contestants import KINDS
 from markergen.comparison.contestants.boards import ChArUco
 from markergen.comparison.contestants.dots import DotBody
 from markergen.comparison.contestants.tags import SquareTag
@@ -131,6 +132,12 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
 def test_a_kind_alone_is_the_usual_one(marker):
     names = [contestant.name for contestant in line_up([marker, "aruco", "circles", "square"])[0]]
     assert names == [marker, "aruco:DICT_4X4_50", "circles:5x5", "square"]
+
+
+def test_every_kind_has_a_usual_one(marker):
+    assert set(KINDS) == set(USUAL)
+    contestants, _ = line_up([marker, *USUAL])
+    assert [contestant.name.partition(":")[0] for contestant in contestants[1:]] == list(USUAL)
 
 
 def test_an_inverted_marker_meets_inverted_layouts(pentagon):

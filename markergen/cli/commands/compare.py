@@ -21,7 +21,9 @@ def _contestants() -> Rows:
 def compare(
     contestants: Annotated[
         list[str],
-        typer.Argument(metavar="A B...", help="In the forms above; one alone is compared with nine of them."),
+        typer.Argument(
+            metavar="A B...", help="In the forms above, or their first word; one alone is compared with nine of them."
+        ),
     ],
     json: Json = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
