@@ -308,7 +308,7 @@ def flips(series: Series, contestant: Contestant, row: Sequence[Observation]) ->
 def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], seed: int) -> dict[str, Any] | None:
     """RMS relative to the first contestant's, over the views in which both count, with a 95 % interval.
 
-    The interval is a bootstrap over views: pairs of errors are resampled with replacement.
+    The interval is a bootstrap over views: pairs of errors are resampled with replacement; None of fewer than two.
     """
     pairs = [(getattr(a, key), getattr(b, key)) for a, b in zip(row, first, strict=True) if a.counts and b.counts]
     if not pairs:
@@ -318,6 +318,6 @@ def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], s
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.sqrt(np.divide(*resampled_means(squares, seed).T))
-    low, high = np.nanquantile(ratios, [0.025, 0.975])
+    interval = np.nanquantile(ratios, [0.025, 0.975]).tolist() if len(pairs) > 1 else None
     square, reference = squares.mean(axis=0)
-    return {"count": len(pairs), "rms": float(np.sqrt(square / reference)), "interval": [float(low), float(high)]}
+    return {"count": len(pairs), "rms": float(np.sqrt(square / reference)), "interval": interval}

@@ -128,10 +128,10 @@ def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
     row = {key: entry[key] for key in ("name", "size", "setting", "count", "rate", "wrong", "failed", "flips")}
     for key in ("rotation_deg", "translation_pct", "point_px"):
         row |= {f"{key}_{name}": entry[key][name] for name in STATISTICS}
-    ratio = entry["ratio"]["rotation_deg"] or {"rms": None, "interval": (None, None)}
+    ratio = entry["ratio"]["rotation_deg"] or {"rms": None, "interval": None}
     row["rotation_deg_low"], row["rotation_deg_high"] = entry["interval"]["rotation_deg"] or (None, None)
     row |= {"bound_deg": entry["pattern_bound"]["rotation_deg"], "ink_cm2": entry["ink"]["cm2"]}
-    low, high = ratio["interval"]
+    low, high = ratio["interval"] or (None, None)
     return row | {"ratio": ratio["rms"], "ratio_low": low, "ratio_high": high}
 
 
@@ -164,7 +164,7 @@ def _overview(results: Mapping[str, Any]) -> Table:
     rooms_differ = _rooms_differ(results)
     for name, entry in _named(results):
         ratio = entry["ratio"]["rotation_deg"]
-        within = f" ({_interval(ratio['interval'])})" if ratio and rows else ""
+        within = f" ({_interval(ratio['interval'])})" if ratio and ratio["interval"] and rows else ""
         rows.append(
             [
                 name,

@@ -93,6 +93,13 @@ def test_bad_input_is_our_own_error_in_one_line(arguments, options, said, pentag
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_single_view_has_no_interval(pentagon):
+    single = compare(pentagon, "square", **{**FEW, "views": 1})
+    assert single.contestants["square"]["ratio"]["rotation_deg"]["interval"] is None
+    assert "–" not in str(single)
+    assert single.to_frame()["ratio_low"].isna().all()
+
+
 def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monkeypatch):
     path = tmp_path / "m.json"
     path.write_bytes(to_json(pentagon))
