@@ -43,11 +43,11 @@ from markergen.model.body_json import body_to_json
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.model.rescale import POOR_FIT, by_rulers, photographed
+from markergen.model.rescale import by_rulers, photographed
 from markergen.objectives.base import Setting
 from markergen.options import Progress
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
-from markergen.presentation.tables import Table
+from markergen.presentation.tables import Table, number
 from markergen.read.cameras.files import camera_bytes, check_camera_path
 from markergen.validation.setting import setting_of
 
@@ -347,9 +347,6 @@ def _judgment(judgment: Any, *keys: str) -> dict[str, Any]:
     return {key: getattr(judgment, key) for key in (("reason",) if isinstance(judgment, NotJudged) else keys)}
 
 
-ELSEWHERE = 10.0
-"""chi2 per degree of freedom from which dots that were held are said to be elsewhere."""
-
 BASE = ("fx", "cx", "cy", "k1", "k2")
 """Parameters of an unknown camera that are always estimated; fy goes with fx."""
 
@@ -644,14 +641,8 @@ def _result(
     notes += [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
     if cause:
         notes.append(
-            f"the residuals are larger than the noise of the photographs, chi2 {adjustment.variance_factor:.3g} per "
-            f"degree of freedom; most likely {cause}"
-        )
-    if not knowledge.free and adjustment.variance_factor > POOR_FIT:
-        quite = "" if adjustment.variance_factor > ELSEWHERE else "quite "
-        notes.append(
-            f"the dots are not {quite}where they were designed, or the photographs were processed, chi2 "
-            f"{adjustment.variance_factor:.3g} per degree of freedom: without --geometry nominal, calibrate says which"
+            "the residuals are larger than the noise of the photographs, chi2 "
+            f"{number(adjustment.variance_factor)} per degree of freedom; most likely {cause}"
         )
     notes += [*sightings.doubts, *sightings.notes]
     for camera in cameras:

@@ -210,18 +210,28 @@ def _squares(fields: Sequence[_Field], square: float) -> tuple[float, float]:
     return total, expected
 
 
+ELSEWHERE = 10.0
+"""chi2 per degree of freedom from which dots that were held are reported to be elsewhere."""
+
 EXPLAINS = 0.5
 """Share of the excess of chi2 that a cause has to explain."""
 
 
 def likely_cause(adjustment: Adjustment, flex: Flex | NotJudged) -> str:
-    """Return what most likely is not as modeled; empty where residuals are as the noise explains, or dots were held.
+    """Return what most likely is not as modeled; empty where residuals are as the noise explains.
 
     Larger lens models are tried in turn, the smallest one that explains the residuals is named.
     """
     factor, freedom = adjustment.variance_factor, adjustment.degrees_of_freedom
     network = adjustment.network
-    if not network.free or freedom <= 0 or factor < POOR_FIT or chdtrc(freedom, adjustment.chi2) > MISFIT:
+    if freedom <= 0 or factor < POOR_FIT:
+        return ""
+    if not network.free:
+        return (
+            f"the dots are not {'quite ' * (factor < ELSEWHERE)}where they were designed, or the photographs were "
+            "processed: without --geometry nominal, calibrate says which"
+        )
+    if chdtrc(freedom, adjustment.chi2) > MISFIT:
         return ""
     for name, larger in wider_lenses(replace(network, cameras=adjustment.cameras)):
         fitted = attempt(larger, adjustment.views, adjustment.weights, adjustment.places)

@@ -29,6 +29,8 @@ TOO_FEW = "too few dots that agree with the other photographs"
 _AS_DESIGNED = 2.0
 """chi2 per degree of freedom, relative to that of the adjustment, up to which the design predicts left-out photographs
 as well as they fit: 1.9 in twenty poor photographs of a print as designed; at 1.5 these are refused."""
+_CONTRADICTED = 100.0
+"""chi2 per degree of freedom from which photographs contradict the design: with a print 0.1 mm off it was 15."""
 _BADLY_PX = 1.0
 """Standard deviation of the image of a far point from which on the camera is known badly there."""
 _WORSE = 1.05
@@ -64,7 +66,11 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
     if len(calibration.designs) > 1:
         where = f"from the first marker {where}"
     if not calibration.measured:
-        return f"The camera is calibrated: expect a pose error of {after} {where}, with the print as designed.", True
+        factor = calibration.adjustment.variance_factor
+        if factor > _CONTRADICTED:
+            return f"Do not use this camera, chi2 {number(factor)} per degree of freedom: {calibration.cause}.", False
+        expect = f"expect a pose error of {after} {where}, with the print as designed"
+        return f"The camera is calibrated: {expect}{_or_more(calibration)}.", True
     cross, halves = calibration.cross_validation, calibration.halves
     if calibration.before.rotation_deg <= calibration.after.rotation_deg:
         if isinstance(cross, CrossValidation) and cross.better and cross.gain is not None:
@@ -129,8 +135,8 @@ def _or_more(calibration: "Calibration") -> str:
     if not calibration.cause:
         return ""
     return (
-        f", or more, since residuals are larger than noise, chi2 {calibration.adjustment.variance_factor:.2g}, most "
-        f"likely because {calibration.cause}"
+        f", or more, since residuals are larger than noise, chi2 {number(calibration.adjustment.variance_factor, 2)}, "
+        f"most likely because {calibration.cause}"
     )
 
 
