@@ -14,6 +14,9 @@ METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in"
 SMALLEST_LENGTH, LARGEST_LENGTH = 1e-6, 1e3
 """Range in m of sizes above 0, and of the amounts of coordinates: anything beyond was meant in another unit."""
 
+NEGLIGIBLE = 1e-9
+"""Coordinate in m that is 0: searches leave dots at 2e-10 and 9e-10 beside an axis, and markers may err by 1e-9."""
+
 SECONDS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
@@ -27,6 +30,15 @@ def with_point(text: object) -> str:
     """
     pointed = str(text).replace(",", ".")
     return pointed if pointed != str(text) and _LENGTH.fullmatch(pointed) else ""
+
+
+def picometers(meters: float) -> float:
+    """Return a length in m as it is written: rounded to 1e-12, and 0 if it is negligible; never -0.
+
+    >>> picometers(0.020000000000000004), picometers(-1e-10)
+    (0.02, 0.0)
+    """
+    return round(float(meters), 12) if abs(meters) >= NEGLIGIBLE else 0.0
 
 
 def parse_length(text: str | float, name: str = "length", largest: float = LARGEST_LENGTH) -> float:

@@ -17,6 +17,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import Criteria
 from markergen.optimize.dot_size import DotSize
+from markergen.units import NEGLIGIBLE
 
 
 def numbered(points: Array) -> Array:
@@ -40,7 +41,7 @@ def dress(
     Dot 0 is the key ring and the others are disks; all are disks where the layout alone identifies them.
     """
     # A tenth of a nanometer is far below any manufacturing tolerance, and the file stays readable.
-    rounded = np.round(points, 10) + 0.0
+    rounded = np.where(np.abs(points) < NEGLIGIBLE, 0.0, np.round(points, 10))
     return replace(
         build_marker(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
         keep_outs=spec.keep_outs,

@@ -510,7 +510,7 @@ def _distance(here: Sequence[Value], values: Sequence[Value]) -> float | None:
 
 
 def _text(values: Sequence[Value]) -> str:
-    return brief(" ".join(str(value) for value in values))
+    return brief(" ".join(f"{value + 0.0:.12g}" if isinstance(value, float) else str(value) for value in values))
 
 
 # --- Meshes -----------------------------------------------------------------------------------------------------------

@@ -21,12 +21,18 @@ WRITERS = {
 
 @pytest.fixture(scope="module")
 def marker(make_ngon):
-    return replace(make_ngon(7, 0.1, 0.016), tag=Tag("apriltag:36h11", 3, 0.03, (0.001, -0.002)))
+    return replace(rounded(make_ngon(7, 0.1, 0.016)), tag=Tag("apriltag:36h11", 3, 0.03, (0.001, -0.002)))
 
 
 @pytest.fixture(scope="module")
 def plain(make_ngon):
-    return make_ngon(5, 0.1, 0.016)
+    return rounded(make_ngon(5, 0.1, 0.016))
+
+
+def rounded(marker):
+    """Points in whole picometers, as designs have them."""
+    points = tuple(replace(p, x=round(p.x, 12) + 0.0, y=round(p.y, 12) + 0.0) for p in marker.control_points)
+    return replace(marker, control_points=points)
 
 
 def measured(marker):
@@ -47,6 +53,14 @@ def test_comments_say_what_it_is_about(writer, marker):
     assert "Unit: m." in words
     assert "measured" not in words
     assert max(map(len, writer(marker).splitlines())) < 260
+
+
+def test_rounding_errors_are_not_written(marker):
+    first, *others = marker.control_points
+    noisy = replace(marker, control_points=(replace(first, x=-1e-10, y=0.15000000000000002), *others))
+    texts = [write(noisy) for write in (write_opencv, write_table, write_ros2, write_kalibr)]
+    assert all("0.15" in text and "0000000" not in text and "e-10" not in text for text in texts)
+    assert all("-0.0," not in text for text in texts)
 
 
 def test_a_print_that_was_measured_is_told(writer, marker):

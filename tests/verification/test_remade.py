@@ -19,6 +19,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.tag import Tag
 from markergen.verification.check import verify
 from markergen.verification.reading import Settings
+from markergen.verification.remade import _text
 
 MODELS = (".urdf", ".sdf", ".mjcf.xml")
 LISTS = (".csv", ".json", ".detector.json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml", ".apriltag.yaml")
@@ -300,3 +301,7 @@ def test_what_is_none_does_not_pass(text, suffix, here, marker):
     (here / f"m{suffix}").write_text(text)
     with contextlib.suppress(InputError):
         assert not verify(marker, here / f"m{suffix}").passed
+
+
+def test_numbers_are_shown_without_rounding_errors():
+    assert _text([0.15000000000000002, -0.0, "x"]) == "'0.15 0 x'"

@@ -19,6 +19,7 @@ from markergen.model.marker import Marker, marker_name
 from markergen.model.rig import Rig
 from markergen.model.tag import FAMILIES
 from markergen.read.cameras.document import opencv_matrix, yaml_text
+from markergen.units import picometers
 
 FRAME = (
     "Frame: the marker's, x right, y up, z out of the printed face toward the viewer.",
@@ -94,7 +95,7 @@ def _row(
 
 
 def write_table(marker: Marker) -> str:
-    """Write comment lines (``#``), the column names, and a row for each control point; numbers are read back exactly.
+    """Write comment lines (``#``), the column names, and a row for each control point.
 
     Covariances of measured positions have their own columns if there are any.
     """
@@ -109,7 +110,8 @@ def write_table(marker: Marker) -> str:
     lines.writerow(COLUMNS + MEASURED * measured)
     for point in marker.control_points:
         feature = point.feature
-        row = [point.id, point.x, point.y, point.z, feature.diameter, feature.inner_diameter, feature.kind]
+        lengths = (point.x, point.y, point.z, feature.diameter, feature.inner_diameter)
+        row = [point.id, *map(picometers, lengths), feature.kind]
         lines.writerow([*row, *(point.covariance or ("", "", ""))] if measured else row)
     return text.getvalue()
 
@@ -188,8 +190,8 @@ def write_kalibr(marker: Marker) -> str:
         "target_type": "custom",
         "unit": "m",
         "points": [
-            {"id": point.id, "x": point.x, "y": point.y, "z": point.z, "diameter": point.feature.diameter}
-            for point in marker.control_points
+            {"id": number, "x": x, "y": y, "z": z, "diameter": diameter}
+            for number, (x, y, z), diameter in zip(ids(marker), points(marker), diameters(marker), strict=True)
         ],
     }
     if marker.tag is not None:
@@ -260,8 +262,8 @@ def frame_name(marker: Marker) -> str:
 
 
 def points(marker: Marker) -> list[list[float]]:
-    """Positions (n, 3) of the control points in m, in the order of `ids`, identical to marker.json to the last bit."""
-    return [[point.x, point.y, point.z] for point in marker.control_points]
+    """Positions (n, 3) of the control points in m, in the order of `ids`."""
+    return [[*map(picometers, (point.x, point.y, point.z))] for point in marker.control_points]
 
 
 def ids(marker: Marker) -> list[int]:
@@ -271,7 +273,7 @@ def ids(marker: Marker) -> list[int]:
 
 def diameters(marker: Marker) -> list[float]:
     """Diameters of the dots in m."""
-    return [point.feature.diameter for point in marker.control_points]
+    return [picometers(point.feature.diameter) for point in marker.control_points]
 
 
 def tag_side(marker: Marker) -> float:
@@ -285,8 +287,3 @@ def tag_corners(marker: Marker) -> list[list[float]]:
     if marker.tag is None:
         return []
     return [[*map(picometers, corner), 0.0] for corner in marker.tag.corners * marker.print_scale]
-
-
-def picometers(meters: float) -> float:
-    """Length in m rounded to 1e-12, so that 0.02 is not written as 0.020000000000000004; never -0."""
-    return round(float(meters), 12) + 0.0

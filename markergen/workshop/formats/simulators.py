@@ -25,6 +25,7 @@ from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.model.substrate import Substrate
 from markergen.solid.primitives import COLORS
+from markergen.units import picometers
 from markergen.workshop.assembly import volume_of
 from markergen.workshop.formats.solids import Designed
 from markergen.workshop.mesh import MATERIALS, Mesh, meshed, stl_of
@@ -206,6 +207,7 @@ def _sites(body: Body) -> Iterator[Site]:
     for plate, prefix in zip(body.plates, prefixes, strict=True):
         for point in plate.marker.control_points:
             place = plate.to_body(np.array([point.x, point.y, point.z]))
+            place = np.array([*map(picometers, place)])
             yield Site(f"{prefix}dot-{point.id}", place, plate.rotation_matrix, point.feature.diameter)
 
 
