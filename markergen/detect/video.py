@@ -54,6 +54,8 @@ class Watched:
         Number of live frames that were left out, because the search was not done with the one before.
     seconds : float
         Time from the first frame to the end of the last one's search.
+    count : int or None
+        Number of frames that a file states.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Watched:
     found: int = 0
     dropped: int = 0
     seconds: float = 0.0
+    count: int | None = None
 
     @property
     def rate(self) -> float:
@@ -73,8 +76,9 @@ class Watched:
         return 0 if self.found == self.frames else 1
 
     def __str__(self) -> str:
+        of_all = f"the first of {self.count}, " if self.count and self.frames < self.count else ""
         return (
-            f"{self.name}: found a marker in {self.found} of {self.frames} frame{'s' * (self.frames != 1)}, "
+            f"{self.name}: found a marker in {self.found} of {self.frames} frame{'s' * (self.frames != 1)}, {of_all}"
             f"{self.rate:.3g} frames per second, {self.dropped} dropped"
         )
 
@@ -165,7 +169,7 @@ def detect_video(
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))
-        watched = Watched(video.name)
+        watched = Watched(video.name, count=video.count)
         at_the_end.enter_context(silent_opencv())
         # The writer of an overlay may add to the video's notes.
         at_the_end.callback(
@@ -316,7 +320,10 @@ class _Lines:
             with suppress(OSError):
                 os.truncate(self._path, self._whole)
             reason = f"{error.strerror or error} at frame {look.frame.number}"
-            raise OutputError(f"expected to write {self._path}, found: {reason}; choose another place") from error
+            end = "it has all before that one, and later ones were not searched"
+            raise OutputError(
+                f"expected to write {self._path}, found: {reason}; {end}: free some space or choose another place"
+            ) from error
 
     def _write(self, look: Look) -> None:
         assert self._stream is not None
@@ -371,7 +378,7 @@ class _Overlay:
         if (free := shutil.disk_usage(self._path.resolve().parent).free) < LEAST_FREE:
             raise OutputError(
                 f"expected space for {self._path}, found {free / 1e6:.0f} MB; it ends at frame {look.frame.number}, "
-                "free some space or choose another place"
+                "and later ones were not searched: free some space or choose another place"
             )
 
     def _write(self, image: NDArray[np.uint8]) -> None:
@@ -415,7 +422,9 @@ class _Overlay:
             capture.release()
         # One more, if it was interrupted between writing and counting.
         if count < self._written:
+            frames = f"{self._written} frame{'s' * (self._written != 1)}"
+            full = ", since the disk is full" * (shutil.disk_usage(temporary.parent).free < LEAST_FREE)
             raise OutputError(
-                f"expected to write {self._written} frames to {self._path}, found {max(count, 0)} in it; nothing was "
-                "changed, free some space or choose another place"
+                f"expected to write {frames} to {self._path}, found {max(count, 0)} in it{full}; nothing was changed, "
+                "free some space or choose another place"
             )

@@ -261,7 +261,7 @@ def test_a_disk_that_is_full(folder, monkeypatch):
     assert not [each for each in folder.iterdir() if each.name.startswith(".")]
     monkeypatch.setattr(cv2, "VideoWriter", VIDEO_WRITER)
     monkeypatch.setattr(video.shutil, "disk_usage", lambda path: SimpleNamespace(free=19e6))
-    with pytest.raises(OutputError, match=r"expected space for seen.mp4, found 19 MB; it ends at frame 0"):
+    with pytest.raises(OutputError, match=r"for seen.mp4, found 19 MB; it ends at frame 0, and later ones were not"):
         watch(overlay="seen.mp4")
     # What there is has its end.
     assert len(read_video("seen.mp4")) == 1
@@ -290,9 +290,14 @@ def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
         return whole(path, mode, **options)
 
     monkeypatch.setattr(Path, "open", nearly_full)
-    with pytest.raises(OutputError, match=r"expected to write found.jsonl, found: No space left on device at frame 1"):
+    with pytest.raises(OutputError, match=r"write found.jsonl, found: No space left on device at frame 1; it has all"):
         watch(json="found.jsonl")
     assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
+
+
+def test_what_ends_early_is_counted_against_the_whole():
+    assert "of" not in str(Watched("walk", 5, 2, count=5)).partition("2 of 5 frames, ")[2]
+    assert "found a marker in 2 of 5 frames, the first of 20, " in str(Watched("walk", 5, 2, count=20))
 
 
 @pytest.mark.parametrize("rate", [23.976, 59.94, 90.1234, 239.7312, 333.333, 959.04, 1000])
