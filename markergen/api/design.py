@@ -306,6 +306,8 @@ class Request:
 def request_of(options: Mapping[str, Any]) -> Request:
     """Check the options of a design, and read the files that they name; raises InputError as `design`."""
     asked = given(options, DesignKeywords)
+    if "paper" in asked and asked.keys().isdisjoint(ROOMS):
+        asked["boundary"] = PAGE
     if "radius" in asked and "boundary" in asked:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
     if asked.get("restarts") == 0:  # In a spec, 0 stands for the objective's default.
@@ -433,10 +435,10 @@ def _tags(asked: dict[str, Any], count: int) -> list[str]:
 
 
 def with_page(options: Mapping[str, Any], environment: Mapping[str, str]) -> dict[str, Any]:
-    """Return options whose room, if they name none, is the page in the printer: A4 or letter, by the locale."""
+    """Return options with the paper in the printer, A4 or letter by the locale, if they name neither room nor paper."""
     if any(options.get(name) is not None for name in ROOMS):
         return dict(options)
-    return {**options, "boundary": PAGE, "paper": options.get("paper") or paper_of_locale(environment)}
+    return {**options, "paper": options.get("paper") or paper_of_locale(environment)}
 
 
 def _held_by_page(make: Make, sheet: SheetOptions) -> tuple[int, int]:

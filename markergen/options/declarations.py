@@ -88,7 +88,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             LAYOUT,
             "Radius of a disk that contains all dots; fit: the largest that a page of --paper (default A4) holds.",
             "150mm",
-            otherwise="the room is the page in the printer; in Python and specs 150mm",
+            otherwise="the room is the page of --paper, or in the printer; in specs, and in Python without it, 150mm",
             metavar="LENGTH|fit",
         ),
     ]

@@ -10,7 +10,7 @@ from numpy.random import default_rng
 from pydantic import TypeAdapter
 from sentences import pattern, sentence
 
-from markergen.api.design import design
+from markergen.api.design import design, request_of, with_page
 from markergen.api.export import export
 from markergen.api.rescale import rescale
 from markergen.cli import main
@@ -126,6 +126,15 @@ def test_a_family_and_a_trace_are_written_together(tmp_path):
     assert sorted(file.path.name for file in found.written) == sorted(names)
     assert read_marker(tmp_path / "m-5.json") == found.markers[1]
     assert trace.read_text().count("\n") == len(found.trace) + 1
+
+
+def test_a_paper_without_a_room_is_the_room():
+    options = {**QUICK, "paper": "A5"}
+    assert request_of(options).spec.boundary == Circle(0.1)
+    del options["radius"]
+    assert request_of(options).spec == request_of(with_page(options, {})).spec
+    assert request_of(options).spec.boundary.radius < 0.13
+    assert request_of(with_page({"n": 4}, {"LANG": "en_US.UTF-8"})).choices.sheet.paper == "letter"
 
 
 def test_a_template_gives_way_to_what_is_given(tmp_path):
