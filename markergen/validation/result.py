@@ -308,10 +308,11 @@ class Validation(SavableResult):
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with one row per estimator and polar angle, and one over all poses.
 
-        Its columns are ``source`` (``trials`` or ``views``), ``estimator``, ``polar_angle_deg`` (a text: an angle, a
-        bin such as ``30..40``, or ``all``; of a rig ``plates``, the number of plates in view), mean, std, rms, median,
-        p95 and max of ``rotation_deg`` and ``translation_pct`` (as in ``rotation_deg_rms``), each with its ``bound``,
-        ``efficiency``, ``flip_rate`` and ``failure_rate``. Undefined values are missing.
+        Its columns are ``source`` (``trials`` or ``views``; ``bound`` if there are neither), ``estimator``,
+        ``polar_angle_deg`` (a text: an angle, a bin such as ``30..40``, or ``all``; of a rig ``plates``, the number of
+        plates in view), mean, std, rms, median, p95 and max of ``rotation_deg`` and ``translation_pct`` (as in
+        ``rotation_deg_rms``), each with its ``bound``, ``efficiency``, ``flip_rate`` and ``failure_rate``. Undefined
+        values are missing.
 
         Raises
         ------
@@ -329,6 +330,8 @@ class Validation(SavableResult):
             for group, row in {"all": views, **views[groups]}.items():
                 measured = row["estimators"][name] if "estimators" in row else row
                 rows.append({"source": "views", "estimator": name, column: group, **_columns(measured, {})})
+        for group, bound in {"all": self.bound, **self.bound[groups]}.items() if not rows else ():
+            rows.append({"source": "bound", "estimator": None, column: group, **_columns({}, bound)})
         return data_frame(rows)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":

@@ -264,7 +264,11 @@ def test_rows_for_each_estimator_and_angle(proved, bounds, frames):
     detected = [row for row in rows if row["estimator"] == "detect" and row["polar_angle_deg"] == "all"]
     assert detected[0]["rotation_deg_rms"] == results["views"]["estimators"]["detect"]["rotation_deg"]["rms"]
     assert len({tuple(row) for row in rows}) == 1
-    assert bounds.to_frame() == []
+    rows = bounds.to_frame()
+    assert {row["source"] for row in rows} == {"bound"}
+    assert [row["polar_angle_deg"] for row in rows] == ["all", *bounds.bound["by_polar_angle"]]
+    assert rows[0]["rotation_deg_bound"] == bounds.bound["rotation_deg"]
+    assert rows[0]["rotation_deg_rms"] is None
 
 
 def test_without_pandas_the_message_says_how_to_get_it(proved, monkeypatch):
