@@ -183,7 +183,7 @@ def detect_files(
     at_once = workers_for(workers, len(paths))
     inputs = [*paths, *paths_among(*as_list(markers), camera, options.get("camera_covariance"))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []
-    targets = paths_among(json)
+    targets = json_paths(json)
     check_outputs(targets, inputs)
     if overlay:
         _check_apart(Path(overlay), paths)
@@ -233,6 +233,19 @@ detect_files.__signature__ = signature_of(detect_files, DetectorKeywords)  # typ
 def paths_among(*things: Any) -> list[Path]:
     """Return the paths among inputs or outputs, some of which may be in memory."""
     return [Path(thing) for thing in things if isinstance(thing, str | Path)]
+
+
+TABLES = (".csv", ".tsv", ".xls", ".xlsx", ".parquet")
+
+
+def json_paths(json: str | Path | TextIO | None) -> list[Path]:
+    """Return the path for results as JSON, if it is one; raises InputError if it is named as a table is."""
+    paths = paths_among(json)
+    for path in paths:
+        if path.suffix.lower() in TABLES:
+            remedy = f"give --json {path.with_suffix('.json')}; docs/detect.md says what is in it"
+            raise InputError("a name for JSON", str(path), remedy)
+    return paths
 
 
 def silent(line: str) -> None:

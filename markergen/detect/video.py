@@ -15,12 +15,12 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.batch import paths_among, silent
+from markergen.detect.batch import json_paths, paths_among, silent
 from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import Window, has_display
 from markergen.detect.results import Found
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations, parse_readout
-from markergen.errors import InputError, OutputError
+from markergen.errors import InputError, OutputError, enumerated
 from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import as_list, signature_of
 from markergen.options.declarations import DetectorKeywords
@@ -131,7 +131,7 @@ def detect_video(
     json
         File or text stream for the results, one line of JSON for each frame, written at once.
     overlay
-        File for a video with detections drawn in: .mp4, .avi or .mov.
+        File for a video with detections drawn in: .mp4, .m4v, .mov or .avi.
     show : callable
         Takes a line about each frame.
     tell, warn : callables
@@ -163,9 +163,11 @@ def detect_video(
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth), rows)
     if overlay and Path(overlay).suffix.lower() not in CODECS:
         name = Path(overlay).with_suffix(".mp4")
-        raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), f"give --overlay {name}")
+        raise InputError(
+            f"a name for a video that ends in {enumerated(CODECS)}", str(overlay), f"give --overlay {name}"
+        )
     inputs = paths_among(one, *as_list(markers), camera, options.get("camera_covariance"))
-    check_outputs(paths_among(json, overlay), inputs)
+    check_outputs([*json_paths(json), *paths_among(overlay)], inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))

@@ -174,6 +174,8 @@ def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
         detect_files(photo, marker, symmetric="magic")
     with pytest.raises(InputError, match="--camera"):
         detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
+    with pytest.raises(InputError, match=r"a name for JSON, found found.csv"):
+        detect_files(photo, marker, json="found.csv")
     with pytest.raises(InputError, match="a deadline above 0 s"):
         detect_files(photo, marker, deadline=-1)
     with pytest.raises(InputError, match="show no velocity"):

@@ -346,8 +346,9 @@ def test_what_cannot_begin_is_refused(folder, tmp_path):
         (
             "walk.avi",
             {"overlay": "seen"},
-            "a name for a video that ends in .mp4 or .avi, found seen; give --overlay seen.mp4",
+            "a name for a video that ends in .mp4, .m4v, .mov or .avi, found seen; give --overlay seen.mp4",
         ),
+        ("walk.avi", {"json": "found.csv"}, "a name for JSON, found found.csv; give --json found.json"),
         ("walk.avi", {"overlay": "walk.avi"}, "one of the inputs"),
         ("walk.avi", {"overlay": "no/such/seen.mp4"}, "the folder no/such does not exist"),
         ("walk.avi", {"json": "marker.json"}, "one of the inputs"),
