@@ -5,6 +5,7 @@ A finding is ``path: words (got ...)``: the same wording for every reader.
 # tests: tests/model/test_body_json.py tests/model/test_marker_file.py tests/drawing/test_sheet_layout.py
 
 import json
+import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,6 +18,7 @@ import numpy as np
 
 from markergen.errors import InputError, brief
 from markergen.guard import Content, text_of
+from markergen.units import with_point
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -76,7 +78,22 @@ def parsed_toml(text: str, name: str) -> dict[str, Any]:
         problem = str(error)
     except (ValueError, RecursionError):
         problem = "an endless number or endless nesting"
-    raise InputError(f"complete TOML in {name}", problem, "correct it there, or write it again")
+    remedy = _toml_remedy(text, problem) or "correct it there, or write it again"
+    raise InputError(f"complete TOML in {name}", problem, remedy)
+
+
+def _toml_remedy(text: str, problem: str) -> str:
+    """What to write in the line of a problem; empty if it is none of the usual mistakes."""
+    number = re.search(r"at line (\d+)", problem)
+    key, _, rest = text.split("\n")[int(number[1]) - 1].partition("=") if number else ("", "", "")
+    key, value = key.strip(), rest.partition("#")[0].strip()
+    if "\\" in value:
+        path = value.strip('"')
+        return f"write / for each backslash, or put the path in single quotes: {key} = '{path}'"
+    if pointed := with_point(value):
+        return f'write a point: {key} = "{pointed}"'
+    is_bare = re.fullmatch(r"[\w:.-]+", value) and re.search(r"[a-zA-Z]", value)
+    return f'write quotes: {key} = "{value}"' if is_bare and value not in ("true", "false") else ""
 
 
 def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -207,6 +207,16 @@ def test_templates_from_files(tmp_path):
         path.write_text(f"n = {endless}")
         with pytest.raises(InputError, match="endless number or"):
             read_template(str(path))
+    for line, remedy in (
+        ("radius = 0,15", 'write a point: radius = "0.15"'),
+        ('camera = "C:\\Users\\me\\a.yaml" # mine', "single quotes: camera = 'C:\\Users\\me\\a.yaml'"),
+        ("radius = 60mm", 'write quotes: radius = "60mm"'),
+        ("n = 7", "correct it there"),
+    ):
+        path.write_text(f"n = 6\n{line}\n")
+        with pytest.raises(InputError) as refused:
+            read_template(str(path))
+        assert remedy in refused.value.args[2]
     path.write_bytes(b"\xff")
     with pytest.raises(InputError, match="UTF-8"):
         read_template(str(path))
