@@ -192,5 +192,5 @@ def parsed_request(data: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         request = None
     if not isinstance(request, dict):
-        raise InputError("a JSON object", brief(data[:100]), "reload the page")
+        raise InputError("a JSON object", brief(data[:100].decode(errors="replace")), "reload the page")
     return request

@@ -13,11 +13,13 @@ import trimesh
 import markergen as mg
 from markergen.calibration import camera_choice
 from markergen.cli import main
+from markergen.errors import InputError
 from markergen.model.body import Plate
 from markergen.model.body_json import load_marker, rig_to_json
 from markergen.model.rig import Rig
 from markergen.optimize.certificate import Certificate
 from markergen.optimize.design import Design
+from markergen.studio.showing import parsed_request
 from markergen.validation.sentences import amount
 from markergen.validation.setting import setting_of
 
@@ -220,3 +222,10 @@ def test_a_rig_is_seen_exported_and_found(studio, pair):
         "scene", {"rig": {"format": "markergen-rig", "markers": [{"name": "a", "file": "/etc/passwd"}]}}
     )
     assert "its markers inside" in refused.json["line"]
+
+
+@pytest.mark.parametrize(("data", "shown"), [(b"{n: 5}", "'{n: 5}'"), (b"[1]", "'[1]'"), (b"\xff", "'\ufffd'")])
+def test_what_is_no_json_is_shown_as_text(data, shown):
+    with pytest.raises(InputError) as refused:
+        parsed_request(data)
+    assert refused.value.args[1] == shown
