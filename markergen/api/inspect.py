@@ -283,8 +283,8 @@ def _poses(path: Path, asked: Mapping[str, Any]) -> Facts:
     }
     rows = {
         "format": form,
-        "poses": f"{len(poses)}, {front} of them from the marker's front",
-        "read as": f"{frame}, axes of {axes}, in m",
+        "poses": f"{len(poses)}, {front} of them in front of the marker",
+        "read as": f"{frame}, axes of {axes}{f', in {unit}' if (unit := asked.get('poses_unit')) else ''}",
         **{
             name: f"{span.min():{form}} to {span.max():{form}} {unit}, median {np.median(span):{form}} {unit}"
             for name, (span, form, unit) in spans.items()

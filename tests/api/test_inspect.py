@@ -126,6 +126,8 @@ def test_poses_are_converted_between_all_formats(tmp_path, poses_file, name):
     assert facts["count"] == facts["from_the_front"] == 9
     assert facts["distance_m"]["min"] == pytest.approx(np.linalg.norm(T, axis=1).min())
     assert facts["axes"] == ("opengl" if name == "transforms.json" else "opencv")
+    rows = [mg.inspect(poses_file, poses_unit=unit).facts[0].rows["read as"] for unit in (None, "mm")]
+    assert [row.partition(", in ")[2] for row in rows] == ["", "mm"]
 
 
 @pytest.mark.parametrize(
