@@ -192,7 +192,7 @@ def test_the_same_named_twice_takes_part_once(marker):
         ("arcuo", "did you mean 'aruco'? Known: MARKER.json, ngon:N"),
         ("edges:aruco:DICT_9X9", "a known family"),
         ("pupil:36h12", "16h5, 25h9, 36h11"),
-        ("pupil", "16h5, 25h9, 36h11"),
+        ("pupil:", "16h5, 25h9, 36h11"),
         ("stag:HD11:0", "stag:HD21[:ID]"),
         ("stag:HD21:12", "an id of 0 to 11"),
         ("ringgrid:2x5", "3x3 to 20x40 rings"),
