@@ -1,6 +1,7 @@
 """Declared options as those of a command: parsers, types, and help by group."""
 # tests: tests/cli/test_help.py
 
+import re
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import wraps
@@ -149,6 +150,12 @@ class GroupedCommand(TyperCommand):
                     named[option] for option in get_close_matches(error.option_name.lstrip("-"), named, cutoff=0.7)
                 ]
             raise
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """Return the first clause of the help whole; at the limit, most would end in the middle of one."""
+        del limit
+        paragraph = " ".join((self.help or "").partition("\n\n")[0].split())
+        return re.split(r"[:;.](?: |$)", paragraph)[0] + "."
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then each group of options."""

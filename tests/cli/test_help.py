@@ -24,6 +24,14 @@ def test_a_command_parses_calls_and_prints(name):
     assert len(statements) <= MOST_STATEMENTS
 
 
+def test_what_a_command_is_for_is_listed_whole(capsys):
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out.partition("Commands:")[2]
+    assert "..." not in listed
+    assert re.search(r"inspect +Show what a file holds and how it is read\.", listed)
+    assert listed.count(".\n") >= len(COMMANDS)
+
+
 def test_help_comes_in_groups(capsys):
     assert main(["design", "--help-all"]) == 0
     text = capsys.readouterr().out

@@ -35,8 +35,8 @@ def validate(
     refine: Refine = None,  # noqa: ARG001 - of the release before
     **options: Any,
 ) -> None:
-    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then detection
-    in synthetic views, and what limits the accuracy: image, print, or calibration.
+    """Prove how accurate a marker is: homography and pose errors of every estimator over all poses with their bounds,
+    then detection in synthetic views, and what limits the accuracy: image, print, or calibration.
 
     \b
     Example:
