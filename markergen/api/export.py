@@ -119,9 +119,7 @@ def to_cadquery(body: Marker | Rig, **options: Unpack[ExportKeywords]) -> Any:
 
 def with_plates(body: Marker | Rig, asked: Mapping[str, Any]) -> Marker | Rig:
     """Return a marker or a rig with plate options applied."""
-    if isinstance(body, Marker):
-        return with_plate(body, asked)
-    return replace(body, markers=tuple(replace(plate, marker=with_plate(plate.marker, asked)) for plate in body.plates))
+    return body.with_markers(lambda marker: with_plate(marker, asked))
 
 
 def _keep_drawings(outputs: Sequence[Path]) -> None:

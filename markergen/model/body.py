@@ -6,10 +6,10 @@ Dots of one plate and about one size, enough and spread enough to find a pose by
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
@@ -235,8 +235,18 @@ class Body(ABC):
         """Distance in m from the frame's origin to the farthest point of an outline; of a marker, its size."""
 
     @abstractmethod
-    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Body":
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> Self:
         """Return the body with other plates in place of its own, and the covariance (6 k, 6 k) of their poses."""
+
+    def with_markers(self, change: Callable[["Marker"], "Marker"]) -> Self:
+        """Return the body with each of its markers changed."""
+        plates = [replace(plate, marker=change(plate.marker)) for plate in self.plates]
+        return self.with_plates(plates, self.relation_covariance)
+
+    @cached_property
+    def as_designed(self) -> Self:
+        """The body as designed, which is the one to draw, whatever was measured on a print of it."""
+        return self.with_markers(lambda marker: marker.as_designed)
 
     def __len__(self) -> int:
         return len(self.owner)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Unpack
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack, final
 
 import numpy as np
 
@@ -137,6 +137,7 @@ class ControlPoint:
     measured: MeasuredSize | None = None
 
 
+@final
 @dataclass(frozen=True, repr=False)
 class Marker(Body):
     """A designed marker: a body of one plate.
@@ -314,7 +315,7 @@ class Marker(Body):
         """Its only plate, whose frame is the marker's."""
         return (Plate("marker", self, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0.0, 0.0, 0.0)),)
 
-    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Marker":
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> Self:
         """Return the marker of the only plate."""
         del relation
         (plate,) = plates
@@ -387,8 +388,8 @@ class Marker(Body):
         return np.column_stack([self.xyz[:, :2], heights])
 
     @cached_property
-    def as_designed(self) -> "Marker":
-        """The marker as designed, which is the one to draw, whatever was measured on a print of it."""
+    def as_designed(self) -> Self:
+        """See `Body.as_designed`."""
         measured = self.joint_covariance or any(
             p.designed or p.covariance or p.measured or p.designed_z is not None for p in self.control_points
         )

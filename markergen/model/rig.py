@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Unpack
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +116,7 @@ class Rig(Body):
         """The markers with their poses."""
         return self.markers
 
-    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> "Rig":
+    def with_plates(self, plates: Sequence[Plate], relation: Array | None = None) -> Self:
         """See `Body.with_plates`."""
         rows = None if relation is None else tuple(map(tuple, relation))
         return replace(self, markers=tuple(plates), relation=rows)

@@ -18,7 +18,7 @@ from markergen.model.body import Body, Plate
 from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, judge_copies
 from markergen.verification.matching import DotSet
 from markergen.verification.rays import CHORDS, difference, normals_of
-from markergen.verification.reading import ALIKE, with_markers
+from markergen.verification.reading import ALIKE
 from markergen.verification.result import Check
 from markergen.verification.rims import Rims, dots_of
 from markergen.verification.solid_files import Solid
@@ -192,7 +192,7 @@ FilePose = tuple[Array, Array]
 
 def check_sides(body: Body, solid: Solid, wanted: WantedSolid, kind: str, tolerance: float) -> Check:
     """Compare a solid with a body of several plates as designed."""
-    designed = with_markers(body, lambda marker: marker.as_designed)
+    designed = body.as_designed
     # In mm, as the file is.
     plates = [replace(plate, translation=tuple(1e3 * plate.translation_vector)) for plate in designed.plates]
     factor, findings = _unit(solid, wanted)

@@ -3,7 +3,7 @@
 # tests: tests/verification/test_check.py
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,6 @@ from markergen.drawing.scene import Shape
 from markergen.errors import InputError
 from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker
 from markergen.registry import Registry
 from markergen.verification.picture import PagePicture
 from markergen.verification.result import Check
@@ -174,12 +173,6 @@ def reader_of(path: Path) -> Reader:
     suffixes = ("." + ".".join(parts[start:]) for start in range(len(parts)))
     readable = (suffix for suffix in suffixes if suffix in READERS.names())
     return READERS[next(readable, "." + parts[-1] if parts else path.name)]
-
-
-def with_markers(body: Body, change: Callable[[Marker], Marker]) -> Body:
-    """The body with each of its markers changed."""
-    plates = [replace(plate, marker=change(plate.marker)) for plate in body.plates]
-    return body.with_plates(plates, body.relation_covariance)
 
 
 def circle_diameters(body: Body) -> list[float]:

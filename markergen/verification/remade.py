@@ -28,7 +28,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.read.poses.rows import RowsFile
-from markergen.verification.reading import READERS, Settings, with_markers
+from markergen.verification.reading import READERS, Settings
 from markergen.verification.result import Check
 from markergen.verification.solid_files import read_solid
 from markergen.verification.words import MOST_LISTED, Finding, nearest_mistake, scale_finding
@@ -354,7 +354,7 @@ def _on_plate(body: Body, plate: object, name: str) -> Body:
             return marker
         return from_content({**json.loads(body_to_json(marker)), "substrate": plate}, name)
 
-    return with_markers(body, marker_on)
+    return body.with_markers(marker_on)
 
 
 def _of_another_plate(body: Body, made: Body) -> tuple[list[Finding], list[str]]:

@@ -23,7 +23,7 @@ from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, PlaneMotio
 from markergen.verification.lines import hole_name, line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.placement import Placement, check_sides, placements, stretched
 from markergen.verification.rays import CHORDS, Difference, difference, normals_of
-from markergen.verification.reading import ALIKE, PRINTABLE, READERS, Settings, with_markers
+from markergen.verification.reading import ALIKE, PRINTABLE, READERS, Settings
 from markergen.verification.result import Check, is_strange
 from markergen.verification.rims import FLUSH, dots_of
 from markergen.verification.solid_files import CAD, Solid, open_edges, read_solid
@@ -247,7 +247,7 @@ def _on_plate(body: Body, lengths: Mapping[str, Any]) -> Body:
     """The body on plates with some of `PLATE_LENGTHS` in m, as export makes it with their options."""
     if not lengths:
         return body
-    return with_markers(body, lambda marker: replace(marker, substrate=replace(marker.substrate, **lengths)))
+    return body.with_markers(lambda marker: replace(marker, substrate=replace(marker.substrate, **lengths)))
 
 
 def _other_lengths(plate: Substrate, usual: Substrate) -> list[str]:

@@ -111,7 +111,7 @@ def made_of(body: Marker | Rig, fabrication: Fabrication) -> MadeBody:
     InputError
         If something is too small for the process or does not fit; one line.
     """
-    body = designed(body)
+    body = body.as_designed
     if isinstance(body, Marker):
         made = parts_of(body, fabrication)
         return MadeBody(made.parts, (made,))
@@ -125,13 +125,6 @@ def made_of(body: Marker | Rig, fabrication: Fabrication) -> MadeBody:
         for part in made.parts
     ]
     return MadeBody(tuple(parts), plates, (), _overlap([part for part in parts if part.pieces[0].part.is_plate]))
-
-
-def designed(body: Marker | Rig) -> Marker | Rig:
-    """Return a marker, or a rig with all its markers, as designed."""
-    if isinstance(body, Marker):
-        return body.as_designed
-    return replace(body, markers=tuple(replace(plate, marker=plate.marker.as_designed) for plate in body.plates))
 
 
 def block_of(rig: Rig) -> tuple[BlockFace, ...]:

@@ -24,7 +24,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
 from markergen.solid.primitives import COLORS, SAME, BodyPart, Part, Prism, Revolved, at_height
-from markergen.workshop.assembly import designed, made_of
+from markergen.workshop.assembly import made_of
 from markergen.workshop.formats.solids import Designed, designed_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 
@@ -354,7 +354,7 @@ def parts_to_mesh(
     body: Marker | Rig, fabrication: Fabrication
 ) -> tuple[Sequence[Part | BodyPart], Callable[[float], tuple[Mesh, ...]]]:
     """Parts of a body as designed, and a function that meshes them within a tolerance in mm."""
-    parts = made_of(designed(body), fabrication).parts
+    parts = made_of(body.as_designed, fabrication).parts
     return parts, partial(meshes_of, parts)
 
 

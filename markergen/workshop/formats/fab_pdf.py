@@ -20,7 +20,7 @@ from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shap
 from markergen.model.body_json import rig_name
 from markergen.model.marker import Marker
 from markergen.model.rig import Rig
-from markergen.workshop.assembly import MadeBody, designed, made_of
+from markergen.workshop.assembly import MadeBody, made_of
 from markergen.workshop.drafting.content import workpiece
 from markergen.workshop.drafting.details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.workshop.drafting.drawing import DrawingTable, TitleBlock, Workpiece
@@ -51,7 +51,7 @@ def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Ou
 
     Of a rig, the drawing of the whole with the tolerances between its faces comes first, then that of each face.
     """
-    body = designed(only(bodies, ".fab.pdf"))
+    body = only(bodies, ".fab.pdf").as_designed
     made = made_of(body, options.fabrication)
     if isinstance(body, Marker):
         data, notes = write_fabrication_sheet(workpiece(body, options.fabrication, made.made[0]), options.sheet)

@@ -34,7 +34,7 @@ from markergen.model.substrate import PLATE_LENGTHS, Substrate
 from markergen.occt import import_kernel
 from markergen.solid.plate import plate_size
 from markergen.solid.primitives import COLORS, OTHER, BodyPart, Part, PosedPart, Primitive, Prism
-from markergen.workshop.assembly import MadeBody, check_no_overlap, designed, made_of
+from markergen.workshop.assembly import MadeBody, check_no_overlap, made_of
 from markergen.workshop.level_faces import PlanarFace, level_faces, signed_bodies
 from markergen.workshop.processes import Made
 
@@ -405,7 +405,7 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     InputError
         If there is not exactly one marker, or it cannot be made as requested.
     """
-    body = designed(only(bodies, suffix))
+    body = only(bodies, suffix).as_designed
     made = made_of(body, options.fabrication)
     if suffix in MADE:
         check_no_overlap(made, body)
