@@ -149,7 +149,7 @@ def heading(results: Mapping[str, Any]) -> str:
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
     """State each contestant's size and detector setting, and the assumed print error."""
-    lines = [f"{name}: {entry['size']}; {entry['setting']}" for name, entry in _named(results)]
+    lines = [f"{entry['name']}: {entry['size']}; {entry['setting']}" for entry in with_short_names(results)]
     if results["print_sigma_mm"]:
         lines.append(
             f"Print error {results['print_sigma_mm']:g} mm per axis, of every dot and of every corner of a square."
@@ -162,12 +162,12 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
 def _overview(results: Mapping[str, Any]) -> Table:
     rows: list[list[str]] = []
     rooms_differ = _rooms_differ(results)
-    for name, entry in _named(results):
+    for entry in with_short_names(results):
         ratio = entry["ratio"]["rotation_deg"]
         within = f" ({_interval(ratio['interval'])})" if ratio and ratio["interval"] and rows else ""
         rows.append(
             [
-                name,
+                entry["name"],
                 *([entry["room"]] if rooms_differ else []),
                 "absent" if entry["absent"] else percent(entry["rate"]),
                 number(entry["rotation_deg"]["rms"]),
@@ -191,12 +191,12 @@ def _rooms_differ(results: Mapping[str, Any]) -> bool:
 
 def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
     rows = []
-    for name, entry in _named(results):
+    for entry, contestant in zip(with_short_names(results), results["contestants"], strict=True):
         error, bound = entry["rotation_deg"]["rms"], entry["bound"]["rotation_deg"]
-        seconds = cpu_s.get(entry["name"])
+        seconds = cpu_s.get(contestant["name"])
         rows.append(
             [
-                name,
+                entry["name"],
                 "-" if entry["absent"] else f"{entry['ink']['cm2']:.0f} cm2",
                 number(entry["pattern_bound"]["rotation_deg"]),
                 number(error / bound, 2) if error and bound else "-",
@@ -218,14 +218,14 @@ def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
 def _common(results: Mapping[str, Any]) -> Table:
     rows = [
         [
-            name,
+            entry["name"],
             number(entry["common"]["rotation_deg"]["rms"]),
             _interval(entry["common"]["interval"]["rotation_deg"]),
             *(number(entry["common"]["rotation_deg"][key]) for key in ("median", "p95")),
             number(entry["common"]["translation_pct"]["rms"]),
             str(entry["flips"]),
         ]
-        for name, entry in _named(results)
+        for entry in with_short_names(results)
     ]
     views = results["views"]
     header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
@@ -235,12 +235,12 @@ def _common(results: Mapping[str, Any]) -> Table:
 
 def _photometric(results: Mapping[str, Any]) -> Table:
     rows = []
-    for name, entry in _named(results):
+    for entry in with_short_names(results):
         fit = entry["photometric"]
         error, bound = fit["rotation_deg"]["rms"], fit["bound"]["rotation_deg"]
         rows.append(
             [
-                name,
+                entry["name"],
                 number(error),
                 _interval(fit["interval"]["rotation_deg"]),
                 number(fit["rotation_deg"]["median"]),
@@ -255,12 +255,12 @@ def _photometric(results: Mapping[str, Any]) -> Table:
 
 def _settings(results: Mapping[str, Any]) -> Table:
     rows = []
-    for name, entry in _named(results):
+    for entry in with_short_names(results):
         tried = entry["tuning"]
         chosen = [row for row in tried if (row["size"], row["setting"]) == (entry["size"], entry["setting"])]
         ends = [(percent(row["rate"]), number(row["rotation_deg"]["rms"])) for row in (*tried[:1], *chosen[:1])]
         cells = [cell for end in ends for cell in end] or ["-"] * 4
-        rows.append([name, str(len(tried)), *cells, tried[0]["setting"] if tried else "-"])
+        rows.append([entry["name"], str(len(tried)), *cells, tried[0]["setting"] if tried else "-"])
     header = ["", "tried", "first found", "RE rms", "best found", "RE rms", "first"]
     caption = (
         f"In views apart from those above. The best is the most accurate of those that find {percent(NEARLY_ALL)} of "
@@ -275,7 +275,7 @@ def _interval(ends: Sequence[float] | None) -> str:
 
 def _split(results: Mapping[str, Any], by: str, unit: str, variable: str) -> Table:
     groups = list(results["contestants"][0][by])
-    rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
+    rows = [[entry["name"], *(_cell(entry[by][group]) for group in groups)] for entry in with_short_names(results)]
     title = f"Rotation error, RMS in deg, by {variable}"
     caption = "Over the views that each found; in brackets how many those are, where not all."
     return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
@@ -284,13 +284,6 @@ def _split(results: Mapping[str, Any], by: str, unit: str, variable: str) -> Tab
 def _cell(group: Mapping[str, Any]) -> str:
     share = "" if group["rate"] == 1 else f" ({percent(group['rate'])})"
     return number(group["rotation_deg"]["rms"]) + share
-
-
-def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Contestants with names that fit a column: files without their folders, unless two would be the same."""
-    names = [entry["name"] for entry in results["contestants"]]
-    short = [Path(name).name if name.endswith(".json") else name for name in names]
-    return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
 
 
 def comparison_figure(results: Mapping[str, Any]) -> "Figure":
@@ -364,5 +357,8 @@ def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
 
 
 def with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the entries of contestants with names that fit a column."""
-    return [entry | {"name": name} for name, entry in _named(results)]
+    """Contestants with names that fit a column: files without their folders, unless two would be the same."""
+    names = [entry["name"] for entry in results["contestants"]]
+    short = [Path(name).name if name.endswith(".json") else name for name in names]
+    chosen = short if len(set(short)) == len(short) else names
+    return [entry | {"name": name} for name, entry in zip(chosen, results["contestants"], strict=True)]
