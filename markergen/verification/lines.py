@@ -14,7 +14,7 @@ from markergen.model.openings import Opening, openings
 from markergen.model.substrate import Hole
 from markergen.solid.plate import plate_of
 from markergen.verification.rays import counted
-from markergen.verification.words import MOST_LISTED, Finding, short_length
+from markergen.verification.result import MOST_LISTED, Finding, short_length
 
 Seek = Callable[[Array, Array], Array]
 """Places (m, 2) of the file's lines nearest to points (m, 2) of a wanted line with normals (m, 2); nan for none."""

@@ -23,12 +23,12 @@ from markergen.guard import Content, in_child
 from markergen.model.body import Body
 from markergen.verification.matching import dots_on_page, expected_dots
 from markergen.verification.pdf_parser import FINEST
-from markergen.verification.picture import PagePicture
 from markergen.verification.png import pixel_page, tolerance_of
 from markergen.verification.reading import (
     ALIKE,
     READERS,
     Page,
+    PagePicture,
     Reading,
     Settings,
     circle_diameters,

@@ -19,16 +19,13 @@ from markergen.verification.findings import AGAIN, MIRRORED, UNTAGGED, Verdict, 
 from markergen.verification.matching import DotSet
 from markergen.verification.rays import CHORDS, difference, normals_of
 from markergen.verification.reading import ALIKE
-from markergen.verification.result import Check
-from markergen.verification.rims import Rims, dots_of
-from markergen.verification.solid_files import Solid
-from markergen.verification.wanted_solids import WantedSolid, size_of, wanted_dots
-from markergen.verification.words import (
+from markergen.verification.result import (
     LENGTHS,
     MOST_LISTED,
     NO_PLATE,
     REMOVE,
     SHEET,
+    Check,
     Finding,
     nearest_mistake,
     scale_finding,
@@ -36,6 +33,9 @@ from markergen.verification.words import (
     somewhere,
     unit_mistakes,
 )
+from markergen.verification.rims import Rims, dots_of
+from markergen.verification.solid_files import Solid
+from markergen.verification.wanted_solids import WantedSolid, size_of, wanted_dots
 
 STRAIGHT = np.radians(0.01)
 """Angle in rad below which an axis is an axis."""

@@ -15,7 +15,6 @@ from markergen.model.body import Body
 from markergen.model.marker import Marker
 from markergen.read.images import decoded_levels, opened_image
 from markergen.read.videos import silent_opencv
-from markergen.verification.picture import PagePicture
 from markergen.verification.printed import reads_upright
 from markergen.verification.reading import (
     ALIKE,
@@ -25,6 +24,7 @@ from markergen.verification.reading import (
     ROUND,
     Circle,
     Page,
+    PagePicture,
     Reading,
     Settings,
     circle_diameters,

@@ -22,9 +22,8 @@ from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
 from markergen.verification.findings import PlaneMotion
 from markergen.verification.lines import sheet_lines
-from markergen.verification.picture import WHITE, PagePicture
-from markergen.verification.reading import Page
-from markergen.verification.words import REMOVE, Finding
+from markergen.verification.reading import WHITE, Page, PagePicture
+from markergen.verification.result import REMOVE, Finding
 
 DPI = 200.0
 """Resolution of the picture of our own sheet: a line has two pixels."""

@@ -29,9 +29,8 @@ from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.read.poses.rows import RowsFile
 from markergen.verification.reading import READERS, Settings
-from markergen.verification.result import Check
+from markergen.verification.result import MOST_LISTED, Check, Finding, nearest_mistake, scale_finding
 from markergen.verification.solid_files import read_solid
-from markergen.verification.words import MOST_LISTED, Finding, nearest_mistake, scale_finding
 
 LISTED = 1e-6
 """Default tolerance of lengths in m: nothing rounds them."""

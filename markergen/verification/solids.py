@@ -19,16 +19,35 @@ from markergen.model.body import Body
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.substrate import EDGE, PLATE_LENGTHS, Substrate
-from markergen.verification.findings import AGAIN, NOTHING, UNTAGGED, PlaneMotion, Verdict, extras, judge, round_holes
+from markergen.verification.findings import (
+    AGAIN,
+    NEAR_CELL,
+    NOTHING,
+    UNTAGGED,
+    PlaneMotion,
+    Verdict,
+    corners_off,
+    extras,
+    judge,
+    not_there,
+    round_holes,
+)
 from markergen.verification.lines import hole_name, line_findings, pieces_of, plate_lines, seek_among
 from markergen.verification.placement import Placement, check_sides, placements, stretched
 from markergen.verification.rays import CHORDS, Difference, difference, normals_of
 from markergen.verification.reading import ALIKE, PRINTABLE, READERS, Settings
-from markergen.verification.result import Check, is_strange
+from markergen.verification.result import (
+    MOST_LISTED,
+    REMOVE,
+    SHEET,
+    Check,
+    Finding,
+    is_strange,
+    short_length,
+    somewhere,
+)
 from markergen.verification.rims import FLUSH, dots_of
 from markergen.verification.solid_files import CAD, Solid, open_edges, read_solid
-from markergen.verification.tags import NEAR as NEAR_CELL
-from markergen.verification.tags import corners_off, not_there
 from markergen.verification.wanted_solids import (
     ALONE,
     WantedSolid,
@@ -38,7 +57,6 @@ from markergen.verification.wanted_solids import (
     volume_of,
     wanted_dots,
 )
-from markergen.verification.words import MOST_LISTED, REMOVE, SHEET, Finding, short_length, somewhere
 
 AROUND = 0.6
 """Distance in mm from a dot or a tag within which what differs is about it: its gap, and what is around its inlay."""

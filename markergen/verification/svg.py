@@ -24,10 +24,10 @@ from markergen.guard import KINDS, Content, check_size, in_child
 from markergen.model.body import Body
 from markergen.read.outlines.formats import OUTLINE_FORMATS, PIXELS_PER_INCH, OutlineFile
 from markergen.read.outlines.svg import SVG, Style, is_filled, parse_svg, pixels_of
-from markergen.verification.picture import PagePicture
 from markergen.verification.reading import (
     READERS,
     Page,
+    PagePicture,
     Painted,
     Reading,
     Settings,
