@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.opencv import solve_each
+from markergen.estimators.base import solve_each
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper, paper_roll
 from markergen.objectives.criteria import regular_polygon

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import Correspondences
+from markergen.estimators.base import opencv_arguments
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.lm import refine
-from markergen.estimators.opencv import opencv_arguments
 from markergen.maths.dlt import estimate_homography
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA

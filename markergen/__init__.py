@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from markergen.api.validate import validate
     from markergen.api.verify import verify
     from markergen.calibration.calibration import Calibration
-    from markergen.calibration.handeye_result import HandEye
+    from markergen.calibration.handeye import HandEye
     from markergen.comparison.result import Comparison
     from markergen.detect.detector import Detector
     from markergen.detect.results import Found
@@ -91,7 +91,7 @@ _HOMES = {
     "comparison.result": ("Comparison",),
     "verification.result": ("Verification",),
     "calibration.calibration": ("Calibration",),
-    "calibration.handeye_result": ("HandEye",),
+    "calibration.handeye": ("HandEye",),
     "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),
     "api.design": ("design", "rig"),

@@ -29,7 +29,6 @@ from markergen.model.spec import AUTO, Spec
 from markergen.model.tag import parse_ids, parse_tag
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.autograd import objective_name
-from markergen.optimize.animation import MOVIES, Movie
 from markergen.optimize.constellations import design_pad
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
@@ -37,7 +36,7 @@ from markergen.optimize.dot_size import choose_dots, clearance_of, largest_that_
 from markergen.optimize.ending import current_limit, limited
 from markergen.optimize.rig import design_rig
 from markergen.optimize.to_marker import members
-from markergen.optimize.trace import check_trace_path, trace_bytes
+from markergen.optimize.trace import MOVIES, Movie, check_trace_path, trace_bytes
 from markergen.options import Progress, Watch, check_progress, given, read_as, takes
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import File

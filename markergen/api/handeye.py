@@ -9,12 +9,12 @@ import numpy as np
 
 from markergen.api.arguments import files_among, known_camera, marker_of
 from markergen.calibration.calibration import Known
-from markergen.calibration.handeye_result import MOUNTINGS, HandEye, solve
+from markergen.calibration.handeye import MOUNTINGS, HandEye, solve
 from markergen.calibration.network import Pose
 from markergen.errors import InputError
 from markergen.model.rig import planned_print
 from markergen.options import Progress, as_list, check_progress, settle, takes
-from markergen.options.handeye import HandeyeKeywords
+from markergen.options.calibration import HandeyeKeywords
 from markergen.options.kinds import CameraLike, File, Files, MarkerLike
 from markergen.read.images import find_images
 from markergen.read.robot_poses import RobotConvention, robot_poses

@@ -12,8 +12,8 @@ from markergen.api.arguments import as_path, files_among
 from markergen.errors import InputError
 from markergen.files import Written, check_outputs, write_all
 from markergen.options import check_progress, given, read_as, takes
+from markergen.options.compare import StudyKeywords
 from markergen.options.kinds import File
-from markergen.options.study import StudyKeywords
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for

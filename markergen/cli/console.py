@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from typer import CallbackParam
 
-from markergen.presentation.stages import STAGES
+from markergen.options import STAGES
 
 if TYPE_CHECKING:
     from markergen.optimize.ending import TimeLimit

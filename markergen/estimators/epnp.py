@@ -7,8 +7,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.base import rotated
-from markergen.estimators.opencv import best_first, solve_each
+from markergen.estimators.base import best_first, rotated, solve_each
 from markergen.maths.projection import from_pixels
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])

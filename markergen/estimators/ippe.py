@@ -3,7 +3,7 @@
 import numpy as np
 
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator, PoseEstimates, PoseEstimator
-from markergen.estimators.opencv import best_first, solve_each
+from markergen.estimators.base import best_first, solve_each
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.projection import decompose_homography
 

@@ -2,7 +2,7 @@
 # tests: tests/contracts/test_estimators.py
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.opencv import solve_each
+from markergen.estimators.base import solve_each
 
 
 class Sqpnp(PoseEstimator):

@@ -21,6 +21,26 @@ F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[str, int, int], None]
 """Progress callback: name of the stage, amount done, total."""
 
+STAGES = {
+    "number of dots": "trying numbers of dots",
+    "refinement": "settling the number of dots",
+    "radius": "trying sizes of the marker",
+    "dot size": "trying sizes of dots",
+    "scales": "trying dots of several sizes",
+    "regular": "trying regular layouts",
+    "descent": "moving dots downhill",
+    "exchange": "trying other places",
+    "polish": "fine adjustment",
+    "hops": "moving single dots away",
+    "asymmetric": "telling dots apart",
+    "relief": "raising dots",
+    "together": "all sizes together",
+    "plates": "one plate after the other",
+    "lower bound": "what is possible at best",
+    "settings": "tuning other detectors",
+}
+"""Words for the stages of a search or comparison, by the names that callers get; other names are words already."""
+
 Watch = Callable[[str, Any, float], None]
 """Callback of a search: name of the stage, best layout so far as an array (n, 2 or 3) in m, value of the objective."""
 

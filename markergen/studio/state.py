@@ -26,11 +26,10 @@ from markergen.model.poses import is_named
 from markergen.model.spec import Spec
 from markergen.optimize.design import Design
 from markergen.optimize.problem import room_of
-from markergen.options import GROUPS, Option, as_list, declared, settle
+from markergen.options import GROUPS, STAGES, Option, as_list, declared, settle
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import KINDS
 from markergen.options.rig import RigKeywords
-from markergen.presentation.stages import STAGES
 from markergen.read.dot_tables import is_table, parsed_layout
 from markergen.read.outlines.boundary import is_drawing, moved_outline
 from markergen.read.poses.conventions import READING

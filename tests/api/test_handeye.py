@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import markergen as mg
-from markergen.calibration.handeye import HandEyeFit, RobotPoses
-from markergen.calibration.handeye_result import HandEye
+from markergen.calibration.handeye import HandEye, HandEyeFit, RobotPoses
 from markergen.cli import main
 from markergen.maths.rotation import angle_between, exponential, inverse_pose, logarithm, pose_product
 from markergen.render import Optics, render_view

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from markergen.estimators import Correspondences
+from markergen.estimators.base import solve_each
 from markergen.estimators.ippe import IPPE
-from markergen.estimators.opencv import solve_each
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.projection import project
 from markergen.maths.rotation import angle_between

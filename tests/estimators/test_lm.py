@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from markergen.estimators import Correspondences
+from markergen.estimators.base import opencv_arguments
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.lm import LM, refine
-from markergen.estimators.opencv import opencv_arguments
 from markergen.maths.information import information, pose_jacobian
 from markergen.maths.projection import perspective, project, to_camera, to_pixels
 from markergen.maths.rotation import angle_between, exponential, logarithm

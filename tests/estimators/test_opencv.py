@@ -1,7 +1,7 @@
 import numpy as np
 
 from markergen.estimators import Correspondences
-from markergen.estimators.opencv import best_first
+from markergen.estimators.base import best_first
 from markergen.maths.projection import project
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper

@@ -9,8 +9,7 @@ import pytest
 
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.animation import FRAMES, HEIGHT, HELD, RATE, SECONDS, WIDTH, Movie
-from markergen.optimize.trace import trace_of
+from markergen.optimize.trace import FRAMES, HEIGHT, HELD, RATE, SECONDS, WIDTH, Movie, trace_of
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -18,7 +18,7 @@ from markergen.model.rescale import RULERS_MM
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
 from markergen.options import GROUPS, declared, settle
-from markergen.options.compare import CompareKeywords
+from markergen.options.compare import CompareKeywords, StudyKeywords
 from markergen.options.declarations import (
     DesignKeywords,
     DetectKeywords,
@@ -29,7 +29,6 @@ from markergen.options.declarations import (
     VerifyKeywords,
 )
 from markergen.options.kinds import KINDS
-from markergen.options.study import StudyKeywords
 from markergen.read.spec_file import STORED, spec_from_mapping
 
 TABLES = [

@@ -8,7 +8,7 @@ from sentences import sentence
 from markergen import options
 from markergen.errors import InputError
 from markergen.options import declared, settle
-from markergen.options.compare import CompareKeywords
+from markergen.options.compare import CompareKeywords, StudyKeywords
 from markergen.options.declarations import (
     DesignKeywords,
     DetectKeywords,
@@ -16,7 +16,6 @@ from markergen.options.declarations import (
     RescaleKeywords,
     ValidateKeywords,
 )
-from markergen.options.study import StudyKeywords
 
 TABLES = [
     CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,

@@ -9,7 +9,7 @@ import typer
 from markergen.cli import console
 from markergen.cli.options import Details, Json, calibration_file, output_files, with_options
 from markergen.options import FILES
-from markergen.options.handeye import HandeyeKeywords
+from markergen.options.calibration import HandeyeKeywords
 
 
 @with_options(HandeyeKeywords)

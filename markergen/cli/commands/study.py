@@ -8,7 +8,7 @@ import typer
 
 from markergen.cli import console
 from markergen.cli.options import Json, with_options
-from markergen.options.study import StudyKeywords
+from markergen.options.compare import StudyKeywords
 
 
 @with_options(StudyKeywords)
