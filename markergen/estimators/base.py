@@ -193,6 +193,7 @@ MOST_SOLUTIONS = 18
 def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseEstimates:
     """Poses of every trial by cv2.SOLVEPNP_`method`, k = `solutions` or more, best first; nan for missing ones.
 
+    Only the call itself is in the loop; everything before and after it is done for the whole batch.
     For methods with one solution solvePnP is called, as solvePnPGeneric also reprojects, which takes 10 % of the time.
     """
     import cv2

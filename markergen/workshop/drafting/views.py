@@ -24,7 +24,7 @@ from typing import TypeVar
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.drawing.label_placement import place_numbers
+from markergen.drawing.marker_artwork import place_numbers
 from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
 from markergen.drawing.scene import (
     GRAY,
