@@ -218,15 +218,14 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
     left, top, right, bottom = box
     center = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
     half = np.array([right - left, bottom - top]) / 2
-    moments = None
+    area, spread = 0.0, np.eye(2)
     # The box has the resolution of the reduced image; the first pass refines it.
     for core in (0.75, CORE):
         moments = _moments(grey, center, half, dark, core)
         if moments is None:
             return None
-        _, center, spread = moments
+        area, center, spread = moments
         half = 2 * np.sqrt(np.maximum(np.diag(spread), 1e-6))
-    area, center, spread = moments if moments is not None else (0.0, center, np.eye(2))
     ellipse = 4 * np.pi * float(np.sqrt(max(np.linalg.det(spread), 1e-12)))
     stretched = np.sqrt(np.linalg.eigvalsh(spread / np.outer(scale, scale)))
     # The rim makes a small area uncertain; a square is 0.045 off.

@@ -4,7 +4,7 @@ import io
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -69,8 +69,6 @@ logging.getLogger("ezdxf").addHandler(logging.NullHandler())
 _END = re.compile(r"^[ \t]*0[ \t]*\n[ \t]*EOF(?=\s|\x1a|$)", re.MULTILINE)
 _ENTITIES = re.compile(r"^[ \t]*2[ \t]*\n[ \t]*ENTITIES[ \t]*$", re.MULTILINE)
 
-_FLAT = np.eye(4)[:2]
-
 
 @contextmanager
 def without_time() -> Iterator[None]:
@@ -121,7 +119,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         remedy = "draw it in one plane, or choose its --layer"
         raise file.unreadable("a flat outline", f"heights z from {low:.6g} to {high:.6g}", remedy)
     flat = [
-        OutlinePiece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in pieces
+        OutlinePiece(name, tuple(curve.mapped(np.eye(4)[:2]) for curve in curves), closed)
+        for name, curves, closed in pieces
     ]
     # ezdxf assumes a unit if there is none.
     unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0
@@ -469,20 +468,28 @@ CURVES: dict[str, Callable[[Any, OutlineFile, str], Parts]] = {
 """Functions that make curves, by entity type; other types are not outlines."""
 
 
+def as_circle(contour: Contour) -> tuple[float, float, float] | None:
+    """Center and radius of a contour of two semicircles: sums of whole picometers, and their halves, are exact."""
+    x, y, radius = (round(value, 11) for value in contour.as_circle or (0.0, 0.0, 0.0))
+    return (x, y, radius) if radius else None
+
+
+def add_contour(space: Any, contour: Contour, attributes: Mapping[str, str]) -> None:
+    """Add a contour to the entities of a drawing, as a circle or a polyline with bulges."""
+    if (disk := as_circle(contour)) is not None:
+        space.add_circle(disk[:2], disk[2], dxfattribs=attributes)
+        return
+    rows = [(*corner, bulge) for corner, _, bulge in contour.sides]
+    space.add_lwpolyline(rows, format="xyb", close=True, dxfattribs=attributes)
+
+
 def _write(contours: Sequence[Contour], _: str) -> str:
     import ezdxf
 
     with without_time():
         document = ezdxf.new("R2010", units=4)  # type: ignore[attr-defined]
-        model = document.modelspace()
         for contour in contours:
-            drawn = placed(contour, 1000.0, (0.0, 0.0), 9)
-            if (whole := drawn.as_circle) is not None:
-                model.add_circle(whole[:2], whole[2])
-                continue
-            bulges = drawn.bulges or (0.0,) * len(drawn.points)
-            rows = [(x, y, bulge) for (x, y), bulge in zip(drawn.points, bulges, strict=True)]
-            model.add_lwpolyline(rows, format="xyb", close=True)
+            add_contour(document.modelspace(), placed(contour, 1000.0, (0.0, 0.0), 9), {})
         stream = io.StringIO()
         document.write(stream)
         return stream.getvalue()

@@ -19,7 +19,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.openings import holes_beyond, openings
-from markergen.read.outlines.dxf import without_time
+from markergen.read.outlines.dxf import add_contour, as_circle, without_time
 from markergen.solid.plate import plate_of
 from markergen.solid.primitives import Prism
 from markergen.units import format_length
@@ -137,7 +137,7 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
             document.layers.add(name, color=color).description = drawing.meaning[name]
         space = document.modelspace()
         for layer, path in drawing.paths:
-            _draw(space, layer, path)
+            add_contour(space, path, {"layer": layer})
         _inform(space, marker, drawing)
         # The box of all paths, and of the note below them.
         points = np.array([point for _, path in drawing.paths for point in _extent(path)])
@@ -156,16 +156,6 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
 def _size(drawing: CutDrawing) -> float:
     """Height of letters, mm."""
     return max(float(drawing.box[1][0] - drawing.box[0][0]), 1.0) / 50
-
-
-def _draw(space: Any, layer: str, path: Contour) -> None:
-    if (disk := _round(path)) is not None:
-        x, y, radius = disk
-        space.add_circle((x, y), radius, dxfattribs={"layer": layer})
-        return
-    bulges = path.bulges or (0.0,) * len(path.points)
-    points = [(x, y, bulge) for (x, y), bulge in zip(path.points, bulges, strict=True)]
-    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
 
 def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
@@ -206,18 +196,9 @@ def _circles(dot: Disk) -> list[Contour]:
     return [circle(radius, dot.x, dot.y) for radius in (dot.radius, dot.inner_radius) if radius]
 
 
-def _round(path: Contour) -> tuple[float, float, float] | None:
-    """Center and radius of a path of two semicircles."""
-    if (whole := path.as_circle) is None:
-        return None
-    # Restores sums of whole picometers, and their halves, exactly.
-    x, y, radius = (round(value, 11) for value in whole)
-    return x, y, radius
-
-
 def _extent(path: Contour) -> list[tuple[float, float]]:
     """Points with the same bounding box as a path."""
-    if (disk := _round(path)) is not None:
+    if (disk := as_circle(path)) is not None:
         x, y, radius = disk
         return [(x - radius, y - radius), (x + radius, y + radius)]
     left, bottom, right, top = contour_box(path)
