@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
 from markergen.geometry.contour import Contour, rings_and_circles
-from markergen.geometry.region import Region
+from markergen.geometry.region import Region, shapely
 
 Index = NDArray[np.int64]
 Box = tuple[Array, Array]
@@ -347,8 +347,6 @@ class Edges:
     @cached_property
     def _corners(self) -> tuple[Index, Index, Mask, Mask]:
         """For each corner: previous and next corner, whether it turns left, and whether outlines touch there."""
-        import shapely
-
         first = np.cumsum([0, *self._sizes[:-1]])
         numbers = [start + np.arange(size) for start, size in zip(first, self._sizes, strict=True)]
         before, after = (np.concatenate([np.roll(ring, step) for ring in numbers]) for step in (1, -1))
@@ -570,8 +568,6 @@ def _cuts(lines: Segments, arcs: Arcs) -> tuple[Index, Array, Index, Array]:
     Intersections slightly beyond an end are kept, so that two curves with a common end do not miss each other by
     rounding.
     """
-    import shapely
-
     count = len(lines)
     low = np.concatenate([np.minimum(lines.start, lines.end), arcs.center - arcs.radius[:, None]])
     high = np.concatenate([np.maximum(lines.start, lines.end), arcs.center + arcs.radius[:, None]])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
-from markergen.geometry.region import signed_area
+from markergen.geometry.region import shapely, signed_area
 from markergen.units import format_length
 
 Ring = tuple[tuple[float, float], ...]
@@ -187,8 +187,6 @@ def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], n
 
 def _nesting(rings: list[Array]) -> list[int]:
     """Number of other outlines that contain each outline; rejects outlines that cross."""
-    import shapely
-
     # An array of objects, even for a single outline.
     shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
     for i in np.flatnonzero(~shapely.is_valid(shapes)):
@@ -226,8 +224,6 @@ def _nesting(rings: list[Array]) -> list[int]:
 
 def _in_doubt(ring: Array) -> Array | None:
     """Return a corner (2,) that lies on another side but for rounding, so that there is no inside to agree on."""
-    import shapely
-
     # Corners that are this near each other are one.
     apart = ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > NARROWEST]
     if len(apart) < 3 or shapely.minimum_clearance(shapely.polygons(apart)) > NARROWEST:
@@ -242,8 +238,6 @@ def _in_doubt(ring: Array) -> Array | None:
 
 def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs (k,) of shapes with points in common, the smaller index first."""
-    import shapely
-
     tree = shapely.STRtree(shapes)
     pairs, count = [np.zeros((2, 0), dtype=np.intp)], 0
     # In parts, because a thousand nested outlines form half a million pairs.

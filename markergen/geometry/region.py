@@ -1,7 +1,7 @@
 """Regions of the plane with straight edges: Boolean operations, offsets, distances and containment.
 
-A `Region` is any number of separate pieces, with or without holes. This is the only module that uses GEOS, through
-shapely, which is imported when first needed. Exact lines and arcs are a `Contour`, which `Region.of_contour` flattens.
+A `Region` is any number of separate pieces, with or without holes. This is the only module that imports GEOS, as
+`shapely`, when it is first needed. Exact lines and arcs are a `Contour`, which `Region.of_contour` flattens.
 Points are arrays (P, 2), and closed polygons arrays (m, 2) without repeating the first corner at the end; lengths are
 in any unit.
 """
@@ -23,6 +23,19 @@ _CENTERS = 12
 """Number of centers along each side of the grids on which rectangles grow."""
 
 
+class _Shapely:
+    """The functions of shapely, which is imported with the first of them."""
+
+    def __getattr__(self, name: str) -> Any:
+        import shapely
+
+        setattr(self, name, getattr(shapely, name))
+        return getattr(shapely, name)
+
+
+shapely = _Shapely()
+
+
 class Region:
     """Immutable part of the plane, possibly empty.
 
@@ -40,30 +53,22 @@ class Region:
 
     def __init__(self, shape: Any = None) -> None:
         """Make the empty region; only this package wraps shapely geometries."""
-        import shapely
-
         self._shape = shapely.Polygon() if shape is None else shape
 
     @classmethod
     def polygon(cls, outer: ArrayLike, holes: Iterable[ArrayLike] = (), mend: bool = False) -> "Region":
         """Make the inside of a closed polygon, minus holes; `mend` repairs self-intersections."""
-        import shapely
-
         shape = shapely.Polygon(outer, list(holes))
         return cls(shapely.make_valid(shape) if mend else shape)
 
     @classmethod
     def rectangle(cls, left: float, low: float, right: float, high: float) -> "Region":
         """Make an axis-parallel rectangle from its limits."""
-        import shapely
-
         return cls(shapely.box(left, low, right, high))
 
     @classmethod
     def disk(cls, x: float, y: float, radius: float, segments: int = 512) -> "Region":
         """Make a disk as a polygon with vertices on its rim, `segments` in each quarter."""
-        import shapely
-
         return cls(shapely.Point(x, y).buffer(radius, quad_segs=segments))
 
     @classmethod
@@ -72,8 +77,6 @@ class Region:
 
         They are applied from the outside in, so a hole may contain islands.
         """
-        import shapely
-
         corners = [np.asarray(ring, dtype=float) for ring in rings]
         areas = np.array([signed_area(ring) for ring in corners])
         shape = shapely.Polygon()
@@ -85,8 +88,6 @@ class Region:
     @classmethod
     def odd(cls, rings: Iterable[ArrayLike]) -> "Region":
         """Make the region inside an odd number of closed polygons of any orientation."""
-        import shapely
-
         shape = shapely.Polygon()
         for ring in sorted((shapely.Polygon(ring) for ring in rings), key=lambda ring: -ring.area):
             shape = shapely.symmetric_difference(shape, ring)
@@ -100,28 +101,18 @@ class Region:
     @classmethod
     def union(cls, regions: Iterable["Region"], grid: float | None = None) -> "Region":
         """Join any number of regions; snapping corners to a `grid` closes slits between neighbors."""
-        import shapely
-
         return cls(shapely.union_all([region._shape for region in regions], grid_size=grid))
 
     def __or__(self, region: "Region") -> "Region":
-        import shapely
-
         return Region(shapely.union(self._shape, region._shape))
 
     def __and__(self, region: "Region") -> "Region":
-        import shapely
-
         return Region(shapely.intersection(self._shape, region._shape))
 
     def __sub__(self, region: "Region") -> "Region":
-        import shapely
-
         return Region(shapely.difference(self._shape, region._shape))
 
     def __xor__(self, region: "Region") -> "Region":
-        import shapely
-
         return Region(shapely.symmetric_difference(self._shape, region._shape))
 
     def __bool__(self) -> bool:
@@ -130,21 +121,15 @@ class Region:
 
     def offset(self, by: float, corners: Literal["round", "miter"] = "round", segments: int = 16) -> "Region":
         """Grow by a distance, or shrink for a negative one; round corners get `segments` chords per quarter turn."""
-        import shapely
-
         style = "mitre" if corners == "miter" else "round"
         return Region(shapely.buffer(self._shape, by, quad_segs=segments, join_style=style))
 
     def oriented(self) -> "Region":
         """Orient outer rings counterclockwise and holes clockwise."""
-        import shapely
-
         return Region(shapely.orient_polygons(self._shape))
 
     def filled(self) -> "Region":
         """Fill all holes."""
-        import shapely
-
         return Region.union(Region(shapely.Polygon(piece._shape.exterior)) for piece in self.pieces)
 
     def mapped(self, function: Callable[[Array], Array], step: float | None = None) -> "Region":
@@ -152,8 +137,6 @@ class Region:
 
         With a `step`, edges are first subdivided to at most that length, so that they may become curved.
         """
-        import shapely
-
         shape = self._shape if step is None else shapely.segmentize(self._shape, step)
         return Region(shapely.make_valid(shapely.transform(shape, function)))
 
@@ -186,35 +169,25 @@ class Region:
     @property
     def rings(self) -> tuple[Array, ...]:
         """Closed polygons (m, 2), for each piece the outer one and then its holes; see `oriented`."""
-        import shapely
-
         rings = shapely.get_rings(np.array(self._polygons(), dtype=object))
         return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
 
     def contains(self, points: ArrayLike) -> Mask:
         """True for points (P, 2) inside; those on the edge are not."""
-        import shapely
-
         shapely.prepare(self._shape)
         inside: Mask = shapely.contains(self._shape, _points(points))
         return inside
 
     def depth(self, points: ArrayLike) -> Array:
         """Signed distances (...) from points (..., 2) to the edge, positive inside."""
-        import shapely
-
         return self._signed(shapely.boundary(self._shape), _points(points))
 
     def clearance(self, others: "Sequence[ArrayLike | Region]") -> Array:
         """Distances (k,) to the edge from regions, closed polygons (m, 2) or points (1, 2), negative unless inside."""
-        import shapely
-
         return self._signed(shapely.boundary(self._shape), _shapes(others))
 
     def distance(self, points: ArrayLike) -> Array:
         """Distances (...) from points (..., 2); 0 inside."""
-        import shapely
-
         distances: Array = shapely.distance(self._shape, _points(points))
         return distances
 
@@ -224,14 +197,10 @@ class Region:
 
     def surrounds(self, region: "Region") -> bool:
         """True if another region is inside and does not touch the edge."""
-        import shapely
-
         return bool(shapely.contains_properly(self._shape, region._shape))
 
     def surrounds_boxes(self, boxes: ArrayLike) -> Mask:
         """True for axis-parallel rectangles (..., 4), left, low, right and high, inside and clear of the edge."""
-        import shapely
-
         shapely.prepare(self._shape)
         inside: Mask = shapely.contains_properly(self._shape, shapely.box(*np.moveaxis(np.asarray(boxes), -1, 0)))
         return inside
@@ -242,24 +211,18 @@ class Region:
 
     def within(self, points: ArrayLike, distance: float) -> Mask:
         """True for points (P, 2) inside or at most a distance outside."""
-        import shapely
-
         shapely.prepare(self._shape)
         within: Mask = shapely.dwithin(self._shape, _points(points), distance)
         return within
 
     def runs(self, line: ArrayLike) -> list[Array]:
         """Parts (m, 2) of a polyline through points (k, 2) that lie in the region."""
-        import shapely
-
         inside = shapely.line_merge(shapely.intersection(shapely.LineString(line), self._shape))
         parts = shapely.get_parts(inside) if not inside.is_empty else ()
         return [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString" and part.length > 0]
 
     def triangles(self) -> tuple[Array, Array]:
         """Triangulate into clockwise triangles (t, 3, 2), and return them with their areas (t,)."""
-        import shapely
-
         parts = shapely.get_parts(shapely.constrained_delaunay_triangles(self._shape))
         corners = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
         return corners, shapely.area(parts)
@@ -271,8 +234,6 @@ class Region:
 
     def largest_circle(self, tolerance: float) -> tuple[float, float]:
         """Find the center (x, y) of the largest circle inside, to a tolerance in length."""
-        import shapely
-
         line = shapely.get_coordinates(shapely.maximum_inscribed_circle(self._shape, tolerance=tolerance))
         return float(line[0, 0]), float(line[0, 1])
 
@@ -302,13 +263,9 @@ class Region:
         return best
 
     def _polygons(self) -> list[Any]:
-        import shapely
-
         return [part for part in shapely.get_parts(self._shape) if part.geom_type == "Polygon" and not part.is_empty]
 
     def _signed(self, edge: Any, shapes: Any) -> Array:
-        import shapely
-
         far = shapely.distance(edge, shapes)
         return np.where(shapely.covers(self._shape, shapes), far, -far)
 
@@ -328,8 +285,6 @@ def pairs_in_boxes(points: Array, low: Array, high: Array, most: int) -> Iterato
     most : int
         Number of pairs in one item, which a single box may exceed.
     """
-    import shapely
-
     finite = np.flatnonzero(np.isfinite(points).all(axis=1))
     tree = shapely.STRtree(shapely.points(points[finite]))
     # At most as many pairs as points within the bounds of a box along one of the axes.
@@ -345,16 +300,12 @@ def pairs_in_boxes(points: Array, low: Array, high: Array, most: int) -> Iterato
 
 def pairwise_distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:
     """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they intersect."""
-    import shapely
-
     distances: Array = shapely.distance(_shapes(ones)[:, None], _shapes(others)[None])
     return distances
 
 
 def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
     """Distances (k,) from a polyline through points to other polylines; 0 where they cross."""
-    import shapely
-
     lines = np.array([shapely.LineString(points) for points in others], dtype=object)
     distances: Array = shapely.distance(shapely.LineString(line), lines)
     return distances
@@ -362,8 +313,6 @@ def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
 
 def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
     """Index of the smallest polygon around each of several polygons (m, 2), -1 for none; None if two of them meet."""
-    import shapely
-
     shapes = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     edges = shapely.boundary(shapes)
     if shapely.STRtree(edges).query(edges, predicate="intersects").shape[1] > len(edges):
@@ -380,29 +329,21 @@ def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
 
 def hull(points: ArrayLike) -> Array:
     """Corners (m, 2) of the convex hull of points (P, 2)."""
-    import shapely
-
     return shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))[:-1]
 
 
 def enclosing_circle(points: ArrayLike) -> tuple[Array, float]:
     """Center (2,) and radius of the smallest enclosing circle of points (P, 2)."""
-    import shapely
-
     cloud = shapely.MultiPoint(points)
     center = shapely.get_coordinates(shapely.minimum_bounding_circle(cloud).centroid)[0]
     return center, float(shapely.minimum_bounding_radius(cloud))
 
 
 def _points(points: ArrayLike) -> Any:
-    import shapely
-
     return shapely.points(np.asarray(points, dtype=float))
 
 
 def _shapes(others: Sequence[ArrayLike | Region]) -> Any:
-    import shapely
-
     shapes = []
     for shape in others:
         if isinstance(shape, Region):
