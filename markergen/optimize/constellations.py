@@ -52,7 +52,7 @@ from markergen.optimize.dot_count import STEP, Forecast, Forecaster, least_sizes
 from markergen.optimize.dot_size import ALL_BUT, DotSize, clearance_of, error_words
 from markergen.optimize.ending import Ended, current_limit
 from markergen.optimize.polish import polish
-from markergen.optimize.problem import FeasibleRegion, check, objective_of, room_of, rough_of
+from markergen.optimize.problem import FeasibleRegion, breach, check, objective_of, room_of, rough_of
 from markergen.optimize.search import search
 from markergen.optimize.to_marker import numbered, provenance_of
 from markergen.options import Progress
@@ -464,7 +464,7 @@ def design_pad(spec: Spec, progress: Progress | None = None) -> Design:
             control_points.append(ControlPoint(len(control_points), x, y, 0.0, feature))
     clearance = min(scale.region.clearance for scale in scales)
     marker = Marker(tuple(control_points), spec.boundary, clearance, keep_outs=spec.keep_outs, substrate=spec.substrate)
-    check(points, spec.boundary, spec.blocked, diameters, clearance)
+    check(breach(points, spec.boundary, spec.blocked, diameters, clearance))
     for first, second in permutations(scales, 2):
         # One of them could be taken for dots of the other, key ring on key ring.
         if likeness(first.points, second.points) < ALIKE:

@@ -49,6 +49,7 @@ from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.problem import (
     TOLERANCE,
     FeasibleRegion,
+    breach,
     check,
     check_bounds,
     check_objective,
@@ -58,7 +59,7 @@ from markergen.optimize.problem import (
     objective_of,
     rough_of,
 )
-from markergen.optimize.relief import ReliefRoom, check_relief, relief_breach, search_relief
+from markergen.optimize.relief import ReliefRoom, relief_breach, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
 from markergen.optimize.to_marker import dress, numbered
@@ -777,10 +778,11 @@ def _made(task: _Task, layout: _Layout, gap: Gap, seconds: float) -> Design:
     if dots.diameter:
         plan = planned_error(points, dots.diameter, spec, setting)
         marker = replace(marker, provenance={**marker.provenance, KEY: plan.as_dict()})
-    check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
+    check(breach(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance))
     check_holes(marker)
     if spec.relief:
-        check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(setting.poses))
+        worst = relief_breach(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(setting.poses))
+        check(worst, "relief")
     value = float(task.objective(points[None])[0])
     trace = tuple(trace_of(layout.way, task.objective)) if layout.way else ()
     interrupted = seconds * current_limit().ended
@@ -808,9 +810,9 @@ def _refuse_faults(points: Array, region: FeasibleRegion, spec: Spec, setting: S
     if spec.relief:
         worst = relief_breach(points, spec.relief, region.diameter, region.clearance, eyes_of(setting.poses))
         if worst > TOLERANCE:
-            breach = f"one that is {format_length(worst)} too high, too low, or in the way of another"
+            wrong = f"one that is {format_length(worst)} too high, too low, or in the way of another"
             raise InputError(
-                f"points of a relief of {format_length(spec.relief)}", breach, "move it, or allow more --relief"
+                f"points of a relief of {format_length(spec.relief)}", wrong, "move it, or allow more --relief"
             )
     if spec.asymmetric:
         safety = layout_safety(points, setting, keyed=False).least

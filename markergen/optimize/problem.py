@@ -352,19 +352,16 @@ def breach(
     return worst
 
 
-def check(
-    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float | Array, clearance: float
-) -> None:
-    """Refuse a layout that violates its constraints (see `breach`) by more than a nanometer.
+def check(worst: float, kind: str = "layout") -> None:
+    """Refuse a layout, or its relief, that breaks its constraints by more than a nanometer, in m (see `breach`).
 
     Raises
     ------
     RuntimeError
         If it does, which means an error in the search, not the input.
     """
-    worst = breach(points, boundary, keep_outs, diameter, clearance)
     if not worst <= TOLERANCE:
-        raise RuntimeError(f"the layout that was found breaks its constraints by {worst:.3g} m")
+        raise RuntimeError(f"the {kind} that was found breaks its constraints by {worst:.3g} m")
 
 
 def _depth(x: float, y: float, boundary: Boundary) -> float:

@@ -16,7 +16,7 @@ from markergen.model.occlusion import Passage, passage
 from markergen.objectives import Objective
 from markergen.optimize.ending import Ended
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
-from markergen.optimize.problem import TOLERANCE, FeasibleRegion
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import KEPT, Optimum, distinct_best
 from markergen.optimize.trace import Record
 from markergen.options import Progress
@@ -423,16 +423,3 @@ def relief_breach(points: Array, relief: float, diameter: float, clearance: floa
         passing = np.linalg.norm(start + share[..., None] * toward, axis=-1)
         worst = max(worst, diameter / 2 + clearance - float(passing.min()))
     return worst
-
-
-def check_relief(points: Array, relief: float, diameter: float, clearance: float, eyes: Array) -> None:
-    """Refuse a layout that violates its height constraints (see `relief_breach`) by more than a nanometer.
-
-    Raises
-    ------
-    RuntimeError
-        If it does, which means an error in the search, not the input.
-    """
-    worst = relief_breach(points, relief, diameter, clearance, eyes)
-    if not worst <= TOLERANCE:
-        raise RuntimeError(f"the relief that was found breaks its constraints by {worst:.3g} m")

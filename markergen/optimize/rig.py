@@ -55,7 +55,7 @@ from markergen.optimize.dot_size import (
 from markergen.optimize.ending import current_limit
 from markergen.optimize.keyless import LARGEST, distinct_layout
 from markergen.optimize.polish import polish
-from markergen.optimize.problem import FEW_POSES, check, check_objective, check_parts, objective_of
+from markergen.optimize.problem import FEW_POSES, breach, check, check_objective, check_parts, objective_of
 from markergen.optimize.search import search
 from markergen.optimize.to_marker import dress, numbered
 from markergen.options import Progress
@@ -497,7 +497,7 @@ def _dressed(block: Block, dots: DotSize) -> Marker:
     points = np.concatenate([block.points[:1], numbered(block.points[1:])])
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
     marker = dress(points, dots, spec, setting, table, layout_safety(points, setting, True))
-    check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
+    check(breach(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance))
     return marker
 
 

@@ -57,7 +57,7 @@ def test_a_layout_that_touches_everything_breaks_nothing():
     points = np.array([[0.038, 0.038], [-0.038, 0.038], [-0.038, -0.038], [0.038, -0.038], [0.016, 0.038]])
     # Dots of 20 mm, 2 mm from the edge, the last one 2 mm from the first.
     assert breach(points, SQUARE, (), 0.02, 0.002) == pytest.approx(0, abs=1e-15)
-    check(points, SQUARE, (), 0.02, 0.002)
+    check(breach(points, SQUARE, (), 0.02, 0.002))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_every_kind_of_breach_is_measured(point, keep_outs, expected):
     points = np.array([point, [-0.038, 0.038], [-0.038, -0.038]])
     assert breach(points, SQUARE, keep_outs, 0.02, 0.002) == pytest.approx(expected, abs=1e-12)
     with pytest.raises(RuntimeError, match="breaks its constraints"):
-        check(points, SQUARE, keep_outs, 0.02, 0.002)
+        check(breach(points, SQUARE, keep_outs, 0.02, 0.002))
 
 
 def test_a_hole_is_no_part_of_the_region(shapes):
@@ -89,7 +89,7 @@ def test_a_disk_is_measured_by_itself():
     assert breach(points, Circle(0.15), (), 0.04, 0.002) == pytest.approx(0, abs=1e-15)
     assert breach(points * 1.01, Circle(0.15), (), 0.04, 0.002) == pytest.approx(0.00128, abs=1e-15)
     with pytest.raises(RuntimeError):
-        check(points * np.nan, Circle(0.15), (), 0.04, 0.002)
+        check(breach(points * np.nan, Circle(0.15), (), 0.04, 0.002))
 
 
 def test_it_agrees_with_the_region_of_the_search(rooms):

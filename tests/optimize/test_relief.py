@@ -11,8 +11,8 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.optimize import relief
 from markergen.optimize.design import design
-from markergen.optimize.problem import FeasibleRegion, breach
-from markergen.optimize.relief import ReliefRoom, check_relief, polish_relief, relief_breach, search_relief
+from markergen.optimize.problem import FeasibleRegion, breach, check
+from markergen.optimize.relief import ReliefRoom, polish_relief, relief_breach, search_relief
 
 ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=6"
 QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=1, poses=ONE_SIDED)
@@ -151,14 +151,14 @@ def test_lines_of_sight_are_those_of_all_pillars(room):
 
 def test_the_check_sees_what_is_wrong_with_a_relief(room):
     points = room.within(some_layout(room, seed=2))
-    check_relief(points, room.height, 0.03, 0.003, room.eyes)
+    check(relief_breach(points, room.height, 0.03, 0.003, room.eyes))
     for wrong in (points * [1, 1, -1], points + [0, 0, room.height], some_layout(room, seed=3)):
         with pytest.raises(RuntimeError, match="breaks its constraints"):
-            check_relief(wrong, room.height, 0.03, 0.003, room.eyes)
+            check(relief_breach(wrong, room.height, 0.03, 0.003, room.eyes))
     with pytest.raises(RuntimeError, match="breaks its constraints"):
-        check_relief(points, room.height, 0.03, 0.003, room.eyes * [1, 1, 0.01])
+        check(relief_breach(points, room.height, 0.03, 0.003, room.eyes * [1, 1, 0.01]))
     # Bare points hide nothing.
-    check_relief(some_layout(room, seed=3), room.height, 0.0, 0.0, room.eyes)
+    check(relief_breach(some_layout(room, seed=3), room.height, 0.0, 0.0, room.eyes))
 
 
 def test_poses_that_do_not_see_over_the_relief_are_left_out(setting):
