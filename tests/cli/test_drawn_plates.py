@@ -9,6 +9,7 @@ import ezdxf
 import numpy as np
 import pytest
 from drawings import dxf, svg
+from rewritten_solids import in_gmsh
 from sentences import sentence
 
 from markergen.cli import main
@@ -99,14 +100,7 @@ def made(request, tmp_path_factory) -> Made:
 
 def measured(path: Path) -> tuple[float, list[float]]:
     """Volume in mm^3 of all solids, and diameters of upright cylinders as high as the plate, as gmsh has them."""
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        gmsh.model.occ.importShapes(str(path))
-        gmsh.model.occ.synchronize()
+    with in_gmsh(path) as gmsh:
         volume = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
         found = []
         for _, tag in gmsh.model.getEntities(2):
@@ -116,8 +110,6 @@ def measured(path: Path) -> tuple[float, list[float]]:
                 one, other, *_ = gmsh.model.getPrincipalCurvatures(tag, (first + last) / 2)
                 found.append(2 / max(abs(one[0]), abs(other[0])))
         return volume, sorted(found)
-    finally:
-        gmsh.finalize()
 
 
 def test_the_solid_has_the_drawing_s_cylinders_and_its_volume(made):

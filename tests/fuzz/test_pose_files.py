@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mutants import FLIPS, flipped, replaced
+from mutants import mutants
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
@@ -63,29 +63,8 @@ def test_the_seeds_are_poses(path):
         assert len(outcome(path, text.encode())) in (1, 2)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
-@given(
-    st.sampled_from(SEEDS),
-    st.lists(st.tuples(st.floats(0, 1), st.integers(0, 20), st.sampled_from(TOKENS)), max_size=3),
-)
-def test_pieces_replaced_by_others(path, text, changes):
-    outcome(path, replaced(text.encode(), changes))
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
-@given(st.sampled_from(SEEDS), st.floats(0, 1))
-def test_cut_off_anywhere(path, text, share):
-    outcome(path, text.encode()[: int(share * len(text))])
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60)
-@given(st.sampled_from(SEEDS), FLIPS)
-def test_bytes_flipped(path, text, changes):
-    outcome(path, flipped(text.encode(), changes))
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
-@given(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=500)
+@given(mutants(SEEDS, TOKENS, 20))
 def test_anything(path, data):
     outcome(path, data)
 

@@ -21,3 +21,16 @@ def replaced(data: bytes, changes) -> bytes:
         token = token if isinstance(token, bytes) else token.encode()
         data = data[:start] + token + data[start + length :]
     return data
+
+
+def mutants(seeds, tokens, longest: int):
+    """Strategy of texts with up to three pieces replaced, cut off anywhere or with bytes flipped, and of any data."""
+    data = st.sampled_from(seeds).map(str.encode)
+    pieces = st.lists(st.tuples(st.floats(0, 1), st.integers(0, longest), st.sampled_from(tokens)), max_size=3)
+    return st.one_of(
+        st.builds(replaced, data, pieces),
+        st.builds(lambda whole, share: whole[: int(share * len(whole))], data, st.floats(0, 1)),
+        st.builds(flipped, data, FLIPS),
+        st.binary(max_size=200),
+        st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")),
+    )

@@ -3,7 +3,9 @@
 import json
 import struct
 import zipfile
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from io import BytesIO
 from xml.sax.saxutils import quoteattr
 
@@ -14,6 +16,40 @@ LIGHT, DARK = (1.0, 1.0, 1.0), (0.05, 0.05, 0.05)
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 TURN = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
+
+
+@contextmanager
+def in_gmsh(path):
+    """Gmsh with a solid's file, in mm."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.synchronize()
+        yield gmsh
+    finally:
+        gmsh.finalize()
+
+
+@lru_cache(maxsize=2)
+def meshes_of_3mf(data):
+    """Meshes of lib3mf, from a file with which it has no quarrel."""
+    import lib3mf
+
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromBuffer(data)
+    assert reader.GetWarningCount() == 0
+    meshes, found = model.GetMeshObjects(), []
+    while meshes.MoveNext():
+        found.append(meshes.GetCurrentMeshObject())
+        assert found[-1].IsValid()
+        assert found[-1].IsManifoldAndOriented()
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,17 +72,8 @@ def by_lib3mf(folder, out):
 
 
 def by_gmsh(folder, out):
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        gmsh.model.occ.importShapes(str(folder / "a.step"))
-        gmsh.model.occ.synchronize()
+    with rewritten.in_gmsh(folder / "a.step") as gmsh:
         gmsh.write(str(out))
-    finally:
-        gmsh.finalize()
 
 
 def as_text(folder, out):

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from rewritten_solids import meshes_of_3mf
 from tetrahedra import mesh_volume
 
 from markergen.exporters import EXPORTERS, ExportOptions, Output
@@ -116,23 +116,6 @@ def test_3mf_is_read_without_a_warning(kind):
     assert first == len(paints)
     for data in output.beside.values():
         assert [mesh.GetName() for mesh in meshes_of_3mf(data)] == [part.name for part in parts]
-
-
-@lru_cache(maxsize=2)
-def meshes_of_3mf(data: bytes) -> list[Any]:
-    """Meshes of lib3mf, from a file with which it has no quarrel."""
-    import lib3mf
-
-    model = lib3mf.get_wrapper().CreateModel()
-    reader = model.QueryReader("3mf")
-    reader.SetStrictModeActive(True)
-    reader.ReadFromBuffer(data)
-    assert reader.GetWarningCount() == 0
-    meshes, found = model.GetMeshObjects(), []
-    while meshes.MoveNext():
-        found.append(meshes.GetCurrentMeshObject())
-        assert found[-1].IsManifoldAndOriented()
-    return found
 
 
 def volumes_of_3mf(data: bytes) -> list[ElementTree.Element]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cad import shown
+from rewritten_solids import in_gmsh
 
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
@@ -117,19 +118,10 @@ def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, part
 
 
 def test_gmsh_finds_the_same_solids(written, tmp_path):
-    import gmsh
-
     path = tmp_path / "m.step"
     path.write_bytes(written[2])
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        gmsh.model.occ.importShapes(str(path))
-        gmsh.model.occ.synchronize()
+    with in_gmsh(path) as gmsh:
         volumes = [gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3)]
-    finally:
-        gmsh.finalize()
     assert sorted(volumes) == pytest.approx(sorted(shown(solid).shape.Volume() for solid in written[1]), rel=1e-9)
 
 

@@ -4,6 +4,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from rewritten_solids import meshes_of_3mf
 from tetrahedra import plate_and_dot
 
 from markergen.workshop.formats.meshes import MODEL, VOLUMES, write_3mf, write_3mf_of_parts
@@ -98,18 +99,5 @@ def test_triangles_have_their_material(whole, apart):
 
 
 def test_an_independent_reader_in_strict_mode_has_nothing_to_say(whole, apart):
-    import lib3mf
-
     for data, names in ((whole, [NAME]), (apart, ["plate", "dot-0"])):
-        model = lib3mf.get_wrapper().CreateModel()
-        reader = model.QueryReader("3mf")
-        reader.SetStrictModeActive(True)
-        reader.ReadFromBuffer(data)
-        assert reader.GetWarningCount() == 0
-        meshes, found = model.GetMeshObjects(), []
-        while meshes.MoveNext():
-            mesh = meshes.GetCurrentMeshObject()
-            found.append(mesh.GetName())
-            assert mesh.IsValid()
-            assert mesh.IsManifoldAndOriented()
-        assert found == names
+        assert [mesh.GetName() for mesh in meshes_of_3mf(data)] == names
