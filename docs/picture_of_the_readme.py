@@ -29,10 +29,10 @@ def main(target: str) -> None:
             command = [sys.executable, *words]
             return subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
-        answer = run("-m", "markergen.cli", *COMMAND.split())
-        run("-m", "markergen.cli", *SHEET.split())
+        answer = run("-m", "markergen", *COMMAND.split())
+        run("-m", "markergen", *SHEET.split())
         run(TAKE, "marker.json", "photos")
-        run("-m", "markergen.cli", *FOUND.split())
+        run("-m", "markergen", *FOUND.split())
         sheet = cv2.imread(f"{folder}/marker.png")
         photo = cv2.imread(str(sorted(Path(folder, "seen").iterdir())[1]))
     lines = [f"$ markergen {COMMAND}", *answer.splitlines()[:4]]
