@@ -334,6 +334,8 @@ def _examine(path: Path, data: bytes) -> tuple[tuple[int, int], str, int]:
         problem, remedy = "another format or depth", "convert the image to PNG"
         if _HEIC.match(data):
             problem, remedy = "a HEIC file, which is not read", _NO_HEIC.format("it")
+        elif data.lstrip().startswith(b"{"):
+            problem, remedy = "a JSON file", "give each marker with a --marker of its own"
         raise InputError(f"a {_KNOWN} image of 8 or 16 bits in {path}", problem, remedy) from None
     if form == "PNG":
         _check_chunks(data)

@@ -399,6 +399,12 @@ def test_heic_is_said_in_folders_patterns_and_by_name(folder):
         read_image(*find_images(["h.heic"]))
 
 
+def test_a_marker_in_place_of_an_image_is_sent_to_its_option(folder):
+    (folder / "marker-1.json").write_text('{"format": "markergen-marker"}')
+    with pytest.raises(InputError, match="found a JSON file; give each marker with a --marker of its own"):
+        read_image(*find_images(["marker-1.json"]))
+
+
 @pytest.mark.parametrize("format", ["PNG", "JPEG", "TIFF"])
 @pytest.mark.parametrize("orientation", [1, 3, 6])
 def test_the_size_of_an_image_is_that_of_its_pixels(tmp_path, format, orientation):
