@@ -154,7 +154,7 @@ class Finding(NamedTuple):
             "claimed": "another body fits the same dots about as well",
             "mirrored": "the mirrored layout fits: is the image mirrored?",
             "other tag": _other_tag(facts.get("tags", [])),
-            "hidden tag": "its tag cannot be read, and other bodies differ by their tags alone",
+            "hidden tag": "its tag cannot be read, and bodies of this layout differ by their tags alone",
             "contradicted": _misplaced(facts.get("misplaced", [])),
         }
         cut = "; the search was cut before its end" if facts["cut"] else ""

@@ -283,6 +283,12 @@ def test_a_ring_that_the_border_cuts_tells_how_a_regular_layout_is_turned(ngon):
         assert np.rad2deg(angle_between(found.rotation, rotation)) < 0.1
 
 
+def test_a_single_marker_whose_tag_should_be_readable_names_no_other_body(pentagon):
+    tagged = replace(pentagon, tag=parse_tag("aruco:DICT_4X4_50:7", 0.05))
+    (found,) = Detector(tagged, CAMERA)(look(pentagon, 10))
+    assert found.reason == "its tag cannot be read, and bodies of this layout differ by their tags alone"
+
+
 def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentagon):
     centers = detect_pentagon.dots(cv2.cvtColor(hidden_ring, cv2.COLOR_GRAY2BGR))
     exact = CAMERA.project(pentagon.xyz[1:], POSES.rotation[[130]], POSES.translation[[130]])[0]
