@@ -435,13 +435,13 @@ def calibrate_bodies(
     for name, by_camera in by_name.items():
         prior, spread = by_camera.camera, by_camera.covariance
         sightings, camera = find_dots(designs, taken[name], prior, camera_covariance=spread, **options)
+        reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
         if not len(sightings.views):
-            reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
             raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
         if by_camera.free and len(sightings.views) < 2:
             raise InputError(
                 "two photographs or more that show the marker",
-                "one",
+                f"one ({reasons})" if reasons else "one",
                 "take ten to forty, tilted by 20 to 60 deg to all sides",
             )
         whole = network_of(designs, by_camera, camera, () if by_camera.camera else BASE)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+import markergen as mg
 from benchmarks.calibration_sets import CAMERA, hand_held
 from markergen.calibration.photos import find_dots
 from markergen.calibration.pictures import same_noise, stations
+from markergen.errors import InputError
 from markergen.render import Optics, render_view
 
 
@@ -46,6 +48,12 @@ def test_a_copy_is_listed_with_its_original_and_counts_once(photographs):
     assert "photo 3" in found.unused[7]
     assert sorted(found.photo.tolist()) == list(range(6))
     assert stations(found.views, found.photo) == {5: 0}
+
+
+def test_copies_of_one_photograph_are_named_where_another_is_missing(photographs):
+    marker, images = photographs
+    with pytest.raises(InputError, match=r"two photographs or more .* found one .*photo 1: a copy of photo 0"):
+        mg.calibrate(marker, images[:1] * 2)
 
 
 def test_a_dot_of_another_width_than_stated_is_named(photographs):
