@@ -71,6 +71,14 @@ class AutogradObjective(Objective):
                 # A degenerate layout.
                 return np.full((1, len(self.setting.poses)), np.inf), lambda _: np.zeros_like(points)
 
+        layouts_and_poses = len(points), len(self.setting.poses)
+        if np.shape(values) != layouts_and_poses:
+            raise InputError(
+                f"values of {type(self).__name__} of shape {layouts_and_poses}, for every layout and pose",
+                f"shape {np.shape(values)}",
+                "return a value for each layout and pose; the aggregate sums those of the poses up",
+            )
+
         def back(weights: Array) -> Array:
             with np.errstate(all="ignore"):
                 try:

@@ -112,3 +112,13 @@ def test_what_an_objective_does_not_know_is_told(few):
                 objective_of(spec, given)
         finally:
             del OBJECTIVES._entries["flat"]
+
+
+@pytest.mark.parametrize("values", [np.mean, lambda values: np.mean(values, axis=1)])
+def test_values_of_another_shape_are_refused(few, values):
+    class Reduced(Spread):
+        def values(self, points):
+            return values(super().values(points))
+
+    with pytest.raises(InputError, match=rf"values of Reduced of shape \(2, {len(few.poses)}\), .* found shape"):
+        Reduced(few).per_pose(np.stack([regular_polygon(5, 0.1)] * 2))
