@@ -81,7 +81,7 @@ TYPICAL = 100.0
 
 WHOLE = "export it again with all of its parts"
 
-PLATE_OPTIONS = "options of the plate that export was given, such as --chamfer 1mm, are to be given to verify, too"
+PLATE_OPTIONS = "options of the plate that export was given, such as --mount, are to be given to verify, too"
 
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
@@ -456,8 +456,9 @@ class _Explained:
             away = np.abs(np.linalg.norm(extra[:, :2] - center[:2], axis=1) - radius)
             is_strange = np.linalg.norm(wanted - center[:2], axis=1).min(initial=np.inf) > HOLE
             if normal[2] < -0.99 and abs(center[2] - low) < 0.1 and np.sum(away < 0.1) > 8 and is_strange:
-                place = f"x {center[0]:.5g}, y {center[1]:.5g} mm"
-                findings.append(Finding("hole", f"a hole at {place} that the marker does not have", AGAIN))
+                x, y = center[:2].round(4) + 0.0
+                sentence = f"a hole at x {x:.5g}, y {y:.5g} mm that the marker does not have"
+                findings.append(Finding("hole", sentence, "remove it, or give the options that export was given"))
         return findings[:MOST_LISTED]
 
     def _colors(self, before: Sequence[Finding]) -> list[Finding]:

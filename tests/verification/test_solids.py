@@ -240,6 +240,9 @@ def test_holes_are_looked_at(variants, files, tmp_path, suffix):
 
     assert not found(first, second)
     assert found(first) == [sentence("hole extra", "x 16, y -24 mm")]
+    bare = replace(marker, substrate=replace(marker.substrate, holes=()))
+    remedies = {finding.remedy for finding in verify(bare, files("full", "fdm", suffix)).findings}
+    assert remedies == {"remove it, or give the options that export was given"}
     (moved,) = found(replace(first, x=-0.0221), second)
     assert re.fullmatch(pattern("hole off", "M3", "x -22.10, y -8 mm", "0.10? mm"), moved)
     (wider,) = found(replace(first, diameter=0.0035), second)
