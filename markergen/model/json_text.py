@@ -49,7 +49,10 @@ def json_of(content: Content) -> Any:
     name = content.name
     kind = PurePath(name).suffix[1:].upper()
     if kind not in ("", "JSON") and not content.data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
-        raise InputError(f"a marker.json at {name}", f"a {kind} file", "give the .json that was written with it")
+        remedy = "give the .json that was written with it"
+        if kind == "CSV":
+            remedy += ", or write one with markergen design --points"
+        raise InputError(f"a marker.json at {name}", f"a {kind} file", remedy)
     return parsed(text_of(content), name)
 
 

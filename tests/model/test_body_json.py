@@ -305,6 +305,7 @@ def test_unreadable_files_are_one_line(tmp_path):
         ("marker.pdf", b"%PDF-1.7\n\xff"),
         ("marker.step", b"ISO-10303-21;"),
         ("marker.svg", b"<svg>"),
+        ("layout.csv", b"x_mm,y_mm"),
         ("marker", b"\xff"),
     ],
 )
