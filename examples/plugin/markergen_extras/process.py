@@ -2,8 +2,8 @@
 
 from markergen.model.fabrication import Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.manufacturability import depth_of, tool_of
-from markergen.solid.processes import Accuracy, Cutting, Made, marks, prepare
+from markergen.workshop.manufacturability import depth_of, tool_of
+from markergen.workshop.processes import Accuracy, Cutting, Made, marks, prepare
 
 DEPTH, FINEST = 0.05, 0.05
 """Depth of the etching, and minimum line width of the mask, mm."""
