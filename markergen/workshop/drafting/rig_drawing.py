@@ -522,6 +522,9 @@ PLACES = {"main": (0, 0), "+u": (-1, 0), "-u": (1, 0), "+v": (0, -1), "-v": (0, 
 SMALLEST = 12.0
 """Minimum size in mm on paper of the largest view."""
 
+LEAST_GAP = 2.0
+"""Minimum distance in mm, on A4, between columns of views; at 0 an upright size is drawn across the view beside it."""
+
 
 def rig_page(work: RigWork, options: SheetOptions) -> FrontPage:
     """Draw the views on the first usual paper that shows them at 1 : 1 or more, or else at the largest scale.
@@ -539,7 +542,8 @@ def _page(work: RigWork, frame: Frame) -> FrontPage | None:
     style, (left, bottom, right, top) = Style(frame.scale), drawing_area(frame)
     for scale in SCALES:
         columns, rows = _grid(work, scale, style, first_angle(frame.paper))
-        if sum(columns.values()) <= right - left and sum(rows.values()) <= top - bottom:
+        wide = sum(columns.values()) + LEAST_GAP * style.scale * (len(columns) + 1)
+        if wide <= right - left and sum(rows.values()) <= top - bottom:
             return FrontPage(frame, scale, (0.0, 0.0), tuple(_draw(work, scale, frame)))
         boxes = [around(view.faces) for view in work.views]
         if max(scale * max(box[2] - box[0], box[3] - box[1]) for box in boxes) < SMALLEST:
@@ -705,5 +709,6 @@ def _drawn_picture(work: RigWork, style: Style, room: Box) -> list[Shape]:
     shapes = [shape for face in work.picture.faces for shape in drawn(face, view)]
     shapes += _on_faces(work.picture.names, view, style)
     low = view.at((0.0, box[1]))[1]
-    below = lettering(work.picture.text, (left + right) / 2, low - caption, style.words, "center", color=GRAY)
+    middle = min((left + right) / 2, right - text_width(work.picture.text, style.words) / 2)
+    below = lettering(work.picture.text, middle, low - caption, style.words, "center", color=GRAY)
     return [*shapes, below]

@@ -5,13 +5,14 @@ import pypdfium2
 import pytest
 
 from markergen.drawing.paper import SheetOptions
-from markergen.drawing.scene import bounds
+from markergen.drawing.scene import Line, bounds
 from markergen.exporters import EXPORTERS, ExportOptions
+from markergen.maths.rotation import exponential
 from markergen.model.fabrication import Fabrication
 from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
 from markergen.workshop.drafting.rig_drawing import face_works, rig_page, rig_work
-from tests.support.rigs import cube, wall
+from tests.support.rigs import cube, mounted, plate, wall
 from tests.workshop.test_assembly import prism
 
 FDM = Fabrication()
@@ -114,3 +115,16 @@ def test_nothing_leaves_the_first_sheet(make, paper):
     assert boxes[:, 0].min() > frame.margin
     assert boxes[:, 2].max() < frame.right
     assert boxes[:, 3].max() < frame.top
+
+
+def test_sizes_and_captions_of_close_views_have_room():
+    # A plate between two that are tilted toward it, which fill a sheet of A4 at 1 : 2.
+    turns = exponential(np.radians([[0, 0, 0], [0, -30, 0], [0, 30, 0]]))
+    markers = [plate(0, 0.1224, 0.1224), plate(1, 0.1, 0.08), plate(2, 0.1, 0.08)]
+    work = work_of(mounted(markers, turns, [[0, 0, 0], [-0.12, 0, 0.04], [0.12, 0, 0.04]]))
+    page = rig_page(work, SheetOptions(paper="A4"))
+    assert max(bounds(shape)[2] for shape in page.shapes) < page.frame.right
+    [size] = [bounds(shape) for shape in page.shapes if getattr(shape, "text", "") == "(126.4)"]
+    middle = (size[1] + size[3]) / 2
+    boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and shape.closed]
+    assert not [box for box in boxes if box[0] < size[2] and size[0] < box[2] and box[1] < middle < box[3]]
