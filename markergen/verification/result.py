@@ -24,6 +24,7 @@ MOST_LISTED = 8
 """Maximum number of findings of a kind, or of dots in one, that are listed; the rest is counted or left out."""
 
 FIT_TO_PAGE = "print or save it at 100 %, without fitting it to the page"
+SMALLER_PAPER = ", perhaps fitted to smaller paper"
 
 LENGTHS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
 UNITS = LENGTHS | {"point": 25.4 / 72, "pixel of 90 dpi": 25.4 / 90, "pixel of 96 dpi": 25.4 / 96}
@@ -115,7 +116,7 @@ def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: boo
     if pixels:
         return Finding("scaled", sentence, "print it at its full size; export it again if its resolution was changed")
     if both and ratio < 0.99:
-        return Finding("scaled", f"{sentence}, perhaps fitted to smaller paper", FIT_TO_PAGE)
+        return Finding("scaled", f"{sentence}{SMALLER_PAPER}", FIT_TO_PAGE)
     return Finding("scaled", sentence, FIT_TO_PAGE)
 
 

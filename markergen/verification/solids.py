@@ -21,6 +21,7 @@ from markergen.model.marker import ControlPoint, Marker
 from markergen.model.substrate import EDGE, PLATE_LENGTHS, Substrate
 from markergen.verification.findings import (
     AGAIN,
+    MIRRORED,
     NEAR_CELL,
     NOTHING,
     UNTAGGED,
@@ -37,9 +38,11 @@ from markergen.verification.placement import Placement, check_sides, placements,
 from markergen.verification.rays import CHORDS, Difference, difference, normals_of
 from markergen.verification.reading import ALIKE, PRINTABLE, READERS, Settings
 from markergen.verification.result import (
+    FIT_TO_PAGE,
     MOST_LISTED,
     REMOVE,
     SHEET,
+    SMALLER_PAPER,
     Check,
     Finding,
     is_strange,
@@ -82,6 +85,12 @@ TYPICAL = 100.0
 WHOLE = "export it again with all of its parts"
 
 PLATE_OPTIONS = "options of the plate that export was given, such as --mount, are to be given to verify, too"
+
+OF_SOLIDS = {
+    FIT_TO_PAGE: "export it again, and save it without scaling it",
+    MIRRORED: "export it again, and save it without mirroring it",
+}
+"""Remedies of solids by those of sheets."""
 
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
@@ -137,7 +146,7 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         check = _placed(check, stretched(solid, wanted, 1e3 * tolerance), wanted, tolerance)
     recorded_plate, usual_plate = (design.plates[0].marker.substrate for design in (body, usual))
     notes = [*check.notes, *_other_lengths(recorded_plate, usual_plate)]
-    if wanted.body != body:
+    if wanted.body != body and "scaled" not in check.kinds:
         [sentence] = _other_lengths(wanted.body.plates[0].marker.substrate, recorded_plate)
         remedy = "export it again, or give the --thickness that export was given"
         check = replace(check, findings=(Finding("thickness", sentence, remedy), *check.findings))
@@ -145,8 +154,16 @@ def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings)
         notes.append(PLATE_OPTIONS)
     # The kernel's checks depend on the unit.
     broken = () if check.kinds & {"scaled", "mirrored"} else (Finding("solid", flaw) for flaw in flaws[:MOST_LISTED])
+    findings = [
+        replace(
+            finding,
+            sentence=finding.sentence.removesuffix(SMALLER_PAPER),
+            remedy=OF_SOLIDS.get(finding.remedy, finding.remedy),
+        )
+        for finding in check.findings
+    ]
     return replace(
-        check, kind=kind, findings=(*broken, *check.findings), notes=tuple(notes), tolerance=tolerance, pages=(None,)
+        check, kind=kind, findings=(*broken, *findings), notes=tuple(notes), tolerance=tolerance, pages=(None,)
     )
 
 

@@ -18,6 +18,7 @@ from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import PRINTABLE, Settings
 from markergen.verification.solids import SHEET
+from markergen.verification.words import Finding
 
 FABRICATIONS = {
     "fdm": Fabrication(),
@@ -226,7 +227,17 @@ def test_a_mirrored_mesh_is_named(variants, files, tmp_path, made, suffix):
         path.write_bytes(stl(triangles(data)[:, ::-1] * [-1, 1, 1]))
     else:
         path.write_bytes(resized(data, suffix, -1.0, 1.0, 1.0))
-    assert kinds(verify(variants("plain", "fdm"), path)) == ["mirrored"]
+    [finding] = verify(variants("plain", "fdm"), path).findings
+    assert finding == Finding("mirrored", "mirrored", "export it again, and save it without mirroring it")
+
+
+@EXACT_AND_MESH
+def test_a_small_solid_was_not_fitted_to_paper(variants, files, tmp_path, suffix):
+    path = tmp_path / f"small{suffix}"
+    path.write_bytes(resized(files("plain", "fdm", suffix).read_bytes(), suffix, 0.97))
+    [finding] = verify(variants("plain", "fdm"), path).findings
+    assert finding.sentence == "scaled by 0.97 along x and y"
+    assert finding.remedy == "export it again, and save it without scaling it"
 
 
 @EXACT
