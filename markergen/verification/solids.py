@@ -84,7 +84,7 @@ TYPICAL = 100.0
 
 WHOLE = "export it again with all of its parts"
 
-PLATE_OPTIONS = "options of the plate that export was given, such as --mount, are to be given to verify, too"
+PLATE_OPTIONS = "options of the plate that export was given, such as --mount or --chamfer, are to be given here, too"
 
 OF_SOLIDS = {
     FIT_TO_PAGE: "export it again, and save it without scaling it",
