@@ -707,14 +707,14 @@ def _none_found(body: Body, reading: Reading, tolerance: float) -> Check:
 def _on_pages(plates: Sequence[Plate], reading: Reading, tolerance: float) -> dict[int, _PlateOnPage]:
     """Where each plate is shown, the one with the fewest findings first; dots belong to one plate only."""
     places = []
-    for k, plate in enumerate(plates):
-        expected = expected_dots(plate.marker)
+    for k, (marker, factor, _) in [(k, wanted) for k, plate in enumerate(plates) for wanted in _wanted(plate.marker)]:
+        expected = expected_dots(marker)
         for number, page in enumerate(reading.pages):
             dots = dots_on_page(page, expected)
             verdicts = judge_copies(expected, dots, tolerance, upright=page.upright, pixels=page.measured)
             for verdict in verdicts:
                 if len(verdict.used):
-                    verdict = with_tag(verdict, plate.marker.tag, (1.0, 1.0), page, tolerance)
+                    verdict = with_tag(verdict, marker.tag, factor, page, tolerance)
                     # To 10 um: plates may be alike but for their outlines, and are on the pages in their order.
                     cost = len(verdict.findings), round(verdict.largest, 5)
                     places.append(_PlateOnPage(k, number, cost, dots.take(verdict.used)))

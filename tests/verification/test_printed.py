@@ -2,6 +2,7 @@
 
 import base64
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,9 +11,12 @@ import pytest
 from damaged_sheets import DPI, grey
 
 import markergen as mg
+from markergen.drawing.paper import SheetOptions
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
+from markergen.model.tag import parse_tag
 from markergen.verification import verify
+from tests.support.rigs import mounted
 
 INPUTS = Path(__file__).parents[1] / "golden/inputs"
 SUFFIXES = (".svg", ".png", ".pdf")
@@ -92,6 +96,18 @@ def test_plates_of_a_rig_with_their_names_pass(tmp_path, suffix):
     save(rig, [tmp_path / f"cube{suffix}"])
     # The page of the SVG has a fraction of a pixel, and rings far from where resvg begins to count.
     check = verify(rig, tmp_path / f"cube{suffix}")
+    assert check.passed, check.findings
+
+
+@pytest.mark.parametrize("compensate", [False, True])
+def test_plates_that_differ_by_their_tags_alone_are_found_after_a_rescale(make_ngon, tmp_path, compensate):
+    markers = [replace(make_ngon(5, 0.05, 0.012), tag=parse_tag(f"aruco:DICT_4X4_50:{k}", 0.02)) for k in range(2)]
+    rig = mounted(markers, [np.eye(3)] * 2, [[0, 0, 0], [0.2, 0, 0]])
+    lengths = {"measured_x": "147mm", "measured_y": "200mm", "also": "plate 1=147mm,198mm"}
+    mg.rescale(rig, tmp_path / "printed.json", **lengths)
+    printed = mg.Rig.load(tmp_path / "printed.json")
+    save(printed, [tmp_path / "rig.pdf"], ExportOptions(sheet=SheetOptions(compensate=compensate)))
+    check = verify(printed, tmp_path / "rig.pdf")
     assert check.passed, check.findings
 
 
