@@ -164,6 +164,10 @@ class JointProblem:
         covered, block = self.see(blocks), blocks[k]
         moving = np.repeat(np.arange(len(blocks)), [len(other.points) for other in blocks]) == k
         used = np.flatnonzero(covered.served & covered.seen[:, moving].any(axis=1))
+        if not len(used):
+            of_plate = f" for {block.face.name}" if block.face else ""
+            remedy = "give lengths with their unit, such as 80mm, or use other --poses"
+            raise InputError("a pose that sees the dots of each plate", f"none of {len(self.poses)}{of_plate}", remedy)
         kept = replace(covered, poses=self.poses.taken(used, 0), seen=covered.seen[used])
         others = self.information(blocks, kept, ~moving)
         views, offset = views_of(block.face, kept.poses)

@@ -126,6 +126,13 @@ def test_a_plate_in_meters_that_were_millimeters_is_doubted():
     assert pair.warnings == ("a plate is 140 m across: is the unit another? Write lengths as 80mm",)
 
 
+def test_dots_too_small_beside_a_plate_in_meters_are_refused(tmp_path):
+    path = tmp_path / "plates.csv"
+    path.write_text("name,radius,x,y,z\nsmall,60mm,0,0,0\nlarge,60,0,0,100\n")
+    with pytest.raises(InputError, match=r"sees the dots of each plate, found none of \d+ for small"):
+        mg.rig(str(path), n=4, restarts=1)
+
+
 @pytest.mark.long
 def test_plates_that_look_the_same_are_warned_about():
     found = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")
