@@ -128,7 +128,7 @@ def design(
 
 @takes(RigKeywords)
 def rig(
-    shape: str = "",
+    shape: str | Path = "",
     *,
     progress: Progress | None = None,
     json: File | None = None,
@@ -141,7 +141,7 @@ def rig(
 
     Parameters
     ----------
-    shape : str
+    shape : str or path
         ``cube``, ``prism:6``, ``wall 3x2`` or ``pair``, or a list of plates, ``plates.toml``, ``.json`` or ``.csv``;
         see docs/rigs.md. Empty takes that of the template.
     progress : callable, optional
@@ -372,8 +372,9 @@ def request_of(options: Mapping[str, Any]) -> Request:
     )
 
 
-def rig_request_of(shape: str, options: Mapping[str, Any]) -> Request:
+def rig_request_of(shape: str | Path, options: Mapping[str, Any]) -> Request:
     """Check the options of a rig, and read the files that they name; raises InputError as `rig`."""
+    shape = str(shape) if isinstance(shape, Path) else shape
     if not isinstance(shape, str):
         raise InputError("a shape as text", type(shape).__name__, 'give such as "cube" or "wall 3x2"')
     asked = given(options, RigKeywords)

@@ -130,7 +130,7 @@ def test_dots_too_small_beside_a_plate_in_meters_are_refused(tmp_path):
     path = tmp_path / "plates.csv"
     path.write_text("name,radius,x,y,z\nsmall,60mm,0,0,0\nlarge,60,0,0,100\n")
     with pytest.raises(InputError, match=r"sees the dots of each plate, found none of \d+ for small"):
-        mg.rig(str(path), n=4, restarts=1)
+        mg.rig(path, n=4, restarts=1)
 
 
 @pytest.mark.long
