@@ -218,7 +218,8 @@ class Calibration(SavableResult):
             raise InputError(f"as many files as markers, {markers}", str(asked), "give an -o ....json for each")
         if cameras and kinds.count("camera") not in (0, cameras):
             actual = str(kinds.count("camera"))
-            raise InputError(f"as many files as cameras, {cameras}", actual, "give an -o ....yaml for each, in order")
+            remedy = "give an -o ....yaml for each, in order; several cameras have a --camera NAME=FILE or NAME= each"
+            raise InputError(f"as many files as cameras, {cameras}", actual, remedy)
         if "camera" in kinds and not cameras:
             named = next(path for kind, path in targets.files if kind == "camera")
             raise InputError(

@@ -95,7 +95,10 @@ def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsy
         ),
         ("calibrate marker.json photo.heic", "expected a readable image at photo.heic, found No such file"),
         ("calibrate marker.json photos/0.png -o camera.yaml", "two photographs or more"),
-        ("calibrate marker.json photos -o a.yaml -o b.yaml", "expected as many files as cameras, 1, found 2; give"),
+        (
+            "calibrate marker.json photos -o a.yaml -o b.yaml",
+            "cameras, 1, found 2; give an -o ....yaml for each, in order; several",
+        ),
         ("calibrate marker.json photos --image-size 640x480", "found no camera; give --camera FILE, or leave it out"),
         ("calibrate marker.json photos --print-sigma 0 -o new.json", "expected a --print-sigma above 0 for dots to"),
         (
