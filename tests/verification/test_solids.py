@@ -17,8 +17,8 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import PRINTABLE, Settings
+from markergen.verification.result import Finding
 from markergen.verification.solids import SHEET
-from markergen.verification.words import Finding
 
 FABRICATIONS = {
     "fdm": Fabrication(),
