@@ -141,10 +141,16 @@ LOOSEST = 0.61
 
 
 def has_room(figure: Figure, radius: float) -> bool:
-    """True where the dots have room in a disk of this radius in mm; False if holes, keep-outs or a tag need some."""
+    """True where a disk of this radius in mm has room for the dots, also those that `design` makes smaller there.
+
+    False if holes, keep-outs or a tag need some.
+    """
     marker, spec = figure.marker, figure.marker.provenance.get("spec") or {}
     covered = sum((dot.radius + 1e3 * marker.clearance) ** 2 for dot in figure.dots)
-    return covered <= LOOSEST * radius**2 and not (marker.tag or figure.hole_boxes or spec.get("keep_outs"))
+    is_sized = "dot" in spec and spec["dot"] in (None, "auto")
+    return (is_sized or covered <= LOOSEST * radius**2) and not (
+        marker.tag or figure.hole_boxes or spec.get("keep_outs")
+    )
 
 
 def dot_sizes(marker: Marker) -> str:

@@ -117,8 +117,13 @@ def one_page(
     )
 
 
-def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = True, count: int = 1) -> None:
-    """Reject paper that is too small for a number of markers in a boundary, whatever their dots; see `pages_for`."""
+def check_paper(
+    boundary: Boundary, options: SheetOptions, many_pages: bool = True, count: int = 1, sized: bool = False
+) -> None:
+    """Reject paper that is too small for a number of markers in a boundary, whatever their dots; see `pages_for`.
+
+    The error names a radius to design with if the dots are `sized` to the room.
+    """
     box = drawn_box(boundary)
     if count > 1 and not many_pages:
         most = max((_grid(box, frame) for frame in options.candidates()), key=lambda grid: grid.count)
@@ -128,7 +133,8 @@ def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = Tr
         return
     reach = _Reach(_sides(box), (-inf, -inf, -inf, -inf), options.colors.grounded)
     if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
-        raise _too_small(reach, boundary, options, _TILES if many_pages else "write a .pdf, which can have tiles")
+        tiles = _TILES if many_pages else "write a .pdf, which can have tiles"
+        raise _too_small(reach, boundary, options, tiles, sized=sized)
 
 
 def fits(marker: Marker, options: SheetOptions) -> bool:
@@ -170,14 +176,17 @@ def _around(outline: Box, beyond: float, colors: Colors) -> "_Reach":
     return _Reach(outline, (left + beyond, down + beyond, right + beyond, up + beyond), colors.grounded)
 
 
-def _smaller(boundary: Boundary, beyond: float, options: SheetOptions, figure: Figure | None = None) -> str:
+def _smaller(
+    boundary: Boundary, beyond: float, options: SheetOptions, figure: Figure | None, sized: bool = False
+) -> str:
     """Words on the largest outline that one page of the paper holds, of `USUAL` if none is named."""
     options = options if options.paper else replace(options, paper=USUAL.name)
     frames = options.candidates()
     name = frames[0].paper.name
     if is_disk(boundary):
         radius = largest_disk(options, beyond)
-        remedy = f": design it with --radius {radius}mm" if figure and has_room(figure, radius) else ""
+        sized = sized or (figure is not None and has_room(figure, radius))
+        remedy = f": design it with --radius {radius}mm" if sized else ""
         return f"a page of {name} holds a disk of radius {radius} mm{remedy}"
     width, height = max((_room(frame, beyond, options.colors) for frame in frames), key=min)
     return f"a page of {name} has room for an outline of {floor(width)} x {floor(height)} mm"
@@ -233,7 +242,7 @@ def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _P
     reach = _reach_of(figure, options)
     place = _whole(reach, frames)
     if place is None and not options.tile:
-        raise _too_small(reach, figure.marker.boundary, options)
+        raise _too_small(reach, figure.marker.boundary, options, figure=figure)
     return place or best_tiling(figure, options, options.candidates(ISO[-1:]))
 
 
@@ -264,13 +273,20 @@ def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None
     return None
 
 
-def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, tiles: str = _TILES) -> InputError:
+def _too_small(
+    reach: _Reach,
+    boundary: Boundary,
+    options: SheetOptions,
+    tiles: str = _TILES,
+    figure: Figure | None = None,
+    sized: bool = False,
+) -> InputError:
     """Error for paper that a marker does not fit on; `tiles` says how to have it on tiles."""
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
     larger = _larger(reach, options) or "no known paper holds it"
-    remedy = f"{larger}, or {tiles}; {_smaller(boundary, reach.beyond, options)}"
+    remedy = f"{larger}, or {tiles}; {_smaller(boundary, reach.beyond, options, figure, sized)}"
     if options.paper is None:
         return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)
     return InputError(f"paper of at least {room} for a marker {size}", str(frame.paper), remedy)

@@ -185,7 +185,8 @@ def check_exports(
         exporter.refuse(options)
         if exporter.sheet and spec is not None:
             # A format of one page cannot hold tiles.
-            check_paper(spec.boundary, options.sheet, exporter.many_pages, count)
+            sized = spec.dot in (None, "auto") and not (spec.tag or spec.keep_outs or spec.points or spec.target)
+            check_paper(spec.boundary, options.sheet, exporter.many_pages, count, sized)
 
 
 def holds_light(exporter: Exporter) -> bool:

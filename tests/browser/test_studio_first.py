@@ -203,4 +203,4 @@ def test_options_in_a_refusal_are_fields(refusing):
     refusing.page.click("#download")
     refusing.page.wait_for_selector("#said.fault")
     assert "markergen design" not in refusing.said()
-    assert re.search("\u201cradius of the room\u201d [0-9]+mm, \u201cpaper\u201d A4", refusing.said())
+    assert re.search("design it with \u201cradius of the room\u201d [0-9]+mm", refusing.said())

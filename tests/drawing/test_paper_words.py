@@ -34,6 +34,8 @@ def test_too_small_paper_is_known_before_there_are_dots():
     check_paper(Circle(0.15), SheetOptions("A2", tile=False))
     with pytest.raises(InputError, match=r"found A4 \(210 x 297 mm\); use --paper A2, .* --no-tile"):
         check_paper(Circle(0.15), SheetOptions("A4", tile=False))
+    with pytest.raises(InputError, match=r"a disk of radius 89 mm: design it with --radius 89mm"):
+        check_paper(Circle(0.15), SheetOptions("A4", tile=False), sized=True)
 
 
 def test_a_page_too_small_for_a_family_is_known_before_there_are_dots(make_ngon):
