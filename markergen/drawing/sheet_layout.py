@@ -120,10 +120,7 @@ def one_page(
 def check_paper(
     boundary: Boundary, options: SheetOptions, many_pages: bool = True, count: int = 1, sized: bool = False
 ) -> None:
-    """Reject paper that is too small for a number of markers in a boundary, whatever their dots; see `pages_for`.
-
-    The error names a radius to design with if the dots are `sized` to the room.
-    """
+    """Reject paper too small for markers in a boundary, whatever their dots, `sized` to it or not; see `pages_for`."""
     box = drawn_box(boundary)
     if count > 1 and not many_pages:
         most = max((_grid(box, frame) for frame in options.candidates()), key=lambda grid: grid.count)
@@ -133,8 +130,7 @@ def check_paper(
         return
     reach = _Reach(_sides(box), (-inf, -inf, -inf, -inf), options.colors.grounded)
     if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
-        tiles = _TILES if many_pages else "write a .pdf, which can have tiles"
-        raise _too_small(reach, boundary, options, tiles, sized=sized)
+        raise _too_small(reach, boundary, options, sized, many_pages)
 
 
 def fits(marker: Marker, options: SheetOptions) -> bool:
@@ -176,18 +172,14 @@ def _around(outline: Box, beyond: float, colors: Colors) -> "_Reach":
     return _Reach(outline, (left + beyond, down + beyond, right + beyond, up + beyond), colors.grounded)
 
 
-def _smaller(
-    boundary: Boundary, beyond: float, options: SheetOptions, figure: Figure | None, sized: bool = False
-) -> str:
-    """Words on the largest outline that one page of the paper holds, of `USUAL` if none is named."""
+def _smaller(boundary: Boundary, beyond: float, options: SheetOptions, dots: Figure | bool) -> str:
+    """Words on the largest outline that a page of the paper, or of `USUAL`, holds, and how to design it if dots fit."""
     options = options if options.paper else replace(options, paper=USUAL.name)
-    frames = options.candidates()
-    name = frames[0].paper.name
+    name, frames = options.candidates()[0].paper.name, options.candidates()
     if is_disk(boundary):
         radius = largest_disk(options, beyond)
-        sized = sized or (figure is not None and has_room(figure, radius))
-        remedy = f": design it with --radius {radius}mm" if sized else ""
-        return f"a page of {name} holds a disk of radius {radius} mm{remedy}"
+        sized = has_room(dots, radius) if isinstance(dots, Figure) else dots
+        return f"a page of {name} holds a disk of radius {radius} mm" + f": design it with --radius {radius}mm" * sized
     width, height = max((_room(frame, beyond, options.colors) for frame in frames), key=min)
     return f"a page of {name} has room for an outline of {floor(width)} x {floor(height)} mm"
 
@@ -242,7 +234,7 @@ def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _P
     reach = _reach_of(figure, options)
     place = _whole(reach, frames)
     if place is None and not options.tile:
-        raise _too_small(reach, figure.marker.boundary, options, figure=figure)
+        raise _too_small(reach, figure.marker.boundary, options, figure, True)
     return place or best_tiling(figure, options, options.candidates(ISO[-1:]))
 
 
@@ -274,19 +266,15 @@ def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None
 
 
 def _too_small(
-    reach: _Reach,
-    boundary: Boundary,
-    options: SheetOptions,
-    tiles: str = _TILES,
-    figure: Figure | None = None,
-    sized: bool = False,
+    reach: _Reach, boundary: Boundary, options: SheetOptions, dots: Figure | bool, tiles: bool
 ) -> InputError:
-    """Error for paper that a marker does not fit on; `tiles` says how to have it on tiles."""
+    """Error for paper that a marker does not fit on; `tiles` if the format has pages for them."""
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
     larger = _larger(reach, options) or "no known paper holds it"
-    remedy = f"{larger}, or {tiles}; {_smaller(boundary, reach.beyond, options, figure, sized)}"
+    on_tiles = _TILES if tiles else "write a .pdf, which can have tiles"
+    remedy = f"{larger}, or {on_tiles}; {_smaller(boundary, reach.beyond, options, dots)}"
     if options.paper is None:
         return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)
     return InputError(f"paper of at least {room} for a marker {size}", str(frame.paper), remedy)
