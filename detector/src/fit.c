@@ -3,9 +3,9 @@
    Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and dark that
    each have a slope over the dot, and a common curvature where light saturates; saturated where the image is. Ellipse, levels,
    slopes and blur are unknown, and for a ring the hole's center and scale too: under perspective hole and outline are not
-   concentric. Every pixel counts by its
-   information, so the center's error is near the lower bound set by the image's noise. A lens bends the outline, by up to a third
-   of a pixel: what is fitted is the ellipse that is nearest to it, as if no noise were there.
+   concentric. Every pixel counts by its information, so the center's error is near the lower bound set by the image's noise. A
+   lens bends the outline, by up to a third of a pixel: what is fitted is the ellipse that is nearest to it, as if no noise were
+   there.
 
    Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by sector
    and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also fits other
@@ -160,7 +160,7 @@ typedef struct {
     double normal[COUNT][COUNT], gradient[COUNT], moved[COUNT], sums[SECTORS][SUMS], noise;
     double bend[SECTORS];           /* px by which the lens bends the outline inward */
     double outline[SECTORS][COUNT]; /* sums of the products of the derivatives by the outline and by the unknowns */
-    int ring, curved, unknowns, alive, left_out[SECTORS]; /* `unknowns` of a disk are the first 12 */
+    int ring, curved, unknowns, alive, left_out[SECTORS]; /* `unknowns` are the first DISK, RING or all */
     double image_noise, saturation, unlit;
     float differences[DIFFERENCES + LANES];
 } Descent;
@@ -446,7 +446,7 @@ static inline void sum_products(const Descent *dot, int sector, int every, int r
     for (int64_t i = dot->start[sector]; i < dot->start[sector + 1]; i += every * LANES) {
         const Lanes r = read(pixels[RESIDUAL] + i), ink = read(pixels[INK] + i);
         const Lanes a[OF_CURVE] = {ring ? read(pixels[INNER] + i) : all(0), read(pixels[ALONG] + i), read(pixels[DOWN] + i),
- read(pixels[OUTLINE] + i), read(pixels[BULGE] + i), 1 - ink, ink, r};
+                                   read(pixels[OUTLINE] + i), read(pixels[BULGE] + i), 1 - ink, ink, r};
         /* A neighbor's edge in the band, or a speck, is no information about this dot. */
         const Lanes weight = read(pixels[WEIGHT] + i) * pick(magnitude(r) < half, read(pixels[HEARD] + i), all(0));
         if (ring)
@@ -796,7 +796,7 @@ static int fit_blob(Descent *dot, const Image *image, const Camera *camera, cons
     if (collect(dot, image, blob, within(BAND_BLURS * blob->blur, MIN_BAND, MAX_BAND), filled))
         return NO_MEMORY;
     dot->curved = isfinite(dot->saturation) && !image->inverted;
-    /* A disk has no hole to move, and where light is curved no step does. */
+    /* The unknowns of a hole come before the curvature's: those of a disk have no derivatives, and stay. */
     dot->unknowns = dot->curved ? COUNT : ring ? RING : DISK;
     descend(dot);
     follow_step(dot);
