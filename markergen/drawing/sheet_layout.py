@@ -130,7 +130,7 @@ def check_paper(
         return
     reach = _Reach(_sides(box), (-inf, -inf, -inf, -inf), options.colors.grounded)
     if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
-        raise _too_small(reach, boundary, options, sized, many_pages)
+        raise _too_small(reach, boundary, options, sized)
 
 
 def fits(marker: Marker, options: SheetOptions) -> bool:
@@ -175,7 +175,8 @@ def _around(outline: Box, beyond: float, colors: Colors) -> "_Reach":
 def _smaller(boundary: Boundary, beyond: float, options: SheetOptions, dots: Figure | bool) -> str:
     """Words on the largest outline that a page of the paper, or of `USUAL`, holds, and how to design it if dots fit."""
     options = options if options.paper else replace(options, paper=USUAL.name)
-    name, frames = options.candidates()[0].paper.name, options.candidates()
+    frames = options.candidates()
+    name = frames[0].paper.name
     if is_disk(boundary):
         radius = largest_disk(options, beyond)
         sized = has_room(dots, radius) if isinstance(dots, Figure) else dots
@@ -234,7 +235,7 @@ def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _P
     reach = _reach_of(figure, options)
     place = _whole(reach, frames)
     if place is None and not options.tile:
-        raise _too_small(reach, figure.marker.boundary, options, figure, True)
+        raise _too_small(reach, figure.marker.boundary, options, figure)
     return place or best_tiling(figure, options, options.candidates(ISO[-1:]))
 
 
@@ -265,15 +266,13 @@ def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None
     return None
 
 
-def _too_small(
-    reach: _Reach, boundary: Boundary, options: SheetOptions, dots: Figure | bool, tiles: bool
-) -> InputError:
-    """Error for paper that a marker does not fit on; `tiles` if the format has pages for them."""
+def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, dots: Figure | bool) -> InputError:
+    """Error for paper that a marker does not fit on, if there are to be no tiles, or the format has none."""
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
     larger = _larger(reach, options) or "no known paper holds it"
-    on_tiles = _TILES if tiles else "write a .pdf, which can have tiles"
+    on_tiles = "write a .pdf, which can have tiles" if options.tile else _TILES
     remedy = f"{larger}, or {on_tiles}; {_smaller(boundary, reach.beyond, options, dots)}"
     if options.paper is None:
         return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)
