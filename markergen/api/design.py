@@ -315,7 +315,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     if "objective" in asked:
         asked["objective"] = objective_name(asked["objective"])
     values = read_template(str(template)) if template else {}
-    source = _source(template, asked)
+    source, place = _source(template, asked)
     if "shape" in values:
         raise InputError("a template of one plate", f"{template}, of a rig", f"use markergen rig --template {template}")
     # Each of them defines the available room, so the one that is given replaces the template's.
@@ -333,7 +333,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     # An export has a gap, too, around inlays.
     names = [name for name in DesignKeywords.__annotations__ if name in values and name != "gap"]
     sheet = given({name: values[name] for name in names}, DesignKeywords, str(template))
-    with with_place(f"in {source}" if template else ""):
+    with with_place(place):
         choices = choices_of(sheet)
     if page:
         values = {name: value for name, value in values.items() if name != "boundary"}
@@ -341,7 +341,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     @cache
     def make(*room: int) -> Spec:
         named = {"radius": f"{room[0]}mm"} if fit else {"boundary": "rect:{}mmx{}mm".format(*room)} if page else {}
-        with with_place(f"in {source}" if template else ""):
+        with with_place(place):
             return spec_from_mapping(values | named, source)
 
     limits = radius_limits(make, choices.sheet) if fit else None
@@ -381,7 +381,7 @@ def rig_request_of(shape: str | Path, options: Mapping[str, Any]) -> Request:
     if "objective" in asked:
         asked["objective"] = objective_name(asked["objective"])
     template = asked.pop("template", None)
-    source = _source(template, asked)
+    source, place = _source(template, asked)
     if template:
         values = read_template(str(template))
         if "shape" not in values:
@@ -403,7 +403,7 @@ def rig_request_of(shape: str | Path, options: Mapping[str, Any]) -> Request:
         geometry = rig_shape(shape, **measures)
     values = {"poses": geometry.poses, "noise_model": "image", "print_sigma": PRINT_SIGMA, "n": 6}
     values |= {name: asked[name] for name in SHARED if name in asked}
-    with with_place(f"in {source}" if template else ""):
+    with with_place(place):
         spec = replace(spec_from_mapping(values, source), substrate=geometry.substrate)
         tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
@@ -419,9 +419,12 @@ def rig_request_of(shape: str | Path, options: Mapping[str, Any]) -> Request:
     )
 
 
-def _source(template: File | None, asked: Mapping[str, Any]) -> str:
-    """Return where the values of a request are from, as messages name it."""
-    return f"{template} or the options" if template and asked.keys() - OUTSIDE_SPEC else str(template or OPTIONS)
+def _source(template: File | None, asked: Mapping[str, Any]) -> tuple[str, str]:
+    """Return where the values of a request are from, and with a template where in messages; the latter else empty."""
+    if not template:
+        return OPTIONS, ""
+    source = f"{template} or the options" if asked.keys() - OUTSIDE_SPEC else str(template)
+    return source, f"in {source}"
 
 
 def _tags(asked: dict[str, Any], count: int) -> list[str]:
