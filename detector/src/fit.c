@@ -770,7 +770,8 @@ static void covariances(const Descent *dot, double variance, Fit *fit)
 /* Fits a blob as a ring or disk: 1 if it has the outline of a dot nearly all around, near the rough one, else 0. */
 static int fit_blob(Descent *dot, const Image *image, const Camera *camera, const Blob *blob, int ring, int filled, Fit *fit)
 {
-    const double size = ring == (blob->hole > 0.5) ? 1 : blob->other, a = 1 / (size * blob->semi[0]), b = 1 / (size * blob->semi[1]);
+    const double size = ring == (blob->hole > 0.5) ? 1 : blob->other;
+    const double a = 1 / (size * blob->semi[0]), b = 1 / (size * blob->semi[1]);
     const double cosine = cos(blob->angle), sine = sin(blob->angle);
     double *p = dot->p, trace, root;
     memset(p, 0, sizeof dot->p);
@@ -994,13 +995,13 @@ int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64
     }
     for (int64_t i = 0; i < count && status >= 0; i++) {
         const Blob *blob = blobs + which[i];
-        const int tiny = is_tiny(blob), own = blob->hole > 0.5 && !tiny;
+        const int tiny = is_tiny(blob), likely = blob->hole > 0.5 && !tiny;
         const int doubtful = !tiny && (is_unknown(blob) || blob->semi[1] < TOLD_BLURS * blob->blur);
         /* Both kinds are fitted to the same pixels. */
         for (int ring = 0; ring < 2 && status >= 0; ring++) {
             Fit *fit = fits + 2 * i + ring;
             fit->good = 0;
-            fit->tried = ring == own || doubtful;
+            fit->tried = ring == likely || doubtful;
             if (fit->tried) {
                 status = fit_blob(dot, image, camera, blob, ring, ring || doubtful, fit);
                 fit->good = status > 0;
