@@ -273,8 +273,8 @@ def agreeing(
         for read, right in permutations(UNITS, 2):
             if abs(np.log(scale * float(METERS[right]) / float(METERS[read]))) < np.log(SAME_UNIT):
                 remedy = f"these are {right}, read as {read}: give --robot-unit {right}"
-        found = f"a length of the marker of 1 m is {number(float(scale))} m by the robot"
-        raise InputError("a robot and a marker of one scale", found, remedy)
+        problem = f"a length of the marker of 1 m is {number(float(scale))} m by the robot"
+        raise InputError("a robot and a marker of one scale", problem, remedy)
     return robot, kept
 
 
@@ -721,11 +721,11 @@ def solve(
         raise InputError("photographs that determine dots and camera", "others", remedy) from None
     unused |= {names[posed[k]]: TOO_FEW for k in sightings.photo[~cleaned.used]}
     numbers = [posed[k] for k in sightings.photo[cleaned.used]]
-    shown, adjustment = [names[k] for k in numbers], cleaned.adjustment
+    sighted, adjustment = [names[k] for k in numbers], cleaned.adjustment
     rotation, translation = (np.array([flange[k][part] for k in numbers]) for part in range(2))
-    robot, kept = agreeing(adjustment.views, (rotation, translation), shown, on_hand, one_axis)
-    photos = tuple(shown[k] for k in kept)
-    unused |= dict.fromkeys(set(shown) - set(photos), "its robot pose disagrees with the others")
+    robot, kept = agreeing(adjustment.views, (rotation, translation), sighted, on_hand, one_axis)
+    photos = tuple(sighted[k] for k in kept)
+    unused |= dict.fromkeys(set(sighted) - set(photos), "its robot pose disagrees with the others")
     views, weights, residual = adjustment.views.take(kept), adjustment.weights[kept], adjustment.residual[kept]
     fit = hand_eye(replace(adjustment, views=views, weights=weights, residual=residual), robot)
     return HandEye(fit, estimated, photos, {name: unused[name] for name in names if name in unused})

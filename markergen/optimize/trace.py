@@ -33,7 +33,7 @@ Record = Callable[[str, Array, Array], None]
 """Callback of a search, with a stage and its layouts (B, n, .) in m before and after the step."""
 
 FORMATS = (".csv", ".svg", ".mp4", ".png")
-"""File formats of a trace: a table, two movies (see `markergen.optimize.trace`), and a plot."""
+"""File formats of a trace: a table, two movies (see `Movie`), and a plot."""
 
 PAUSE = 0.1
 """Seconds between two layouts that a `Watcher` judges: judging every step would take as long as the search."""
