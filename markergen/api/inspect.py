@@ -33,7 +33,7 @@ from markergen.read.formats import recognized, written
 from markergen.read.kinds import kinds_of
 from markergen.read.outlines.boundary import outline_reading
 from markergen.read.outlines.formats import OUTLINE_FORMATS
-from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, pose_reading, stated_convention
+from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, READING, pose_reading, stated_convention
 from markergen.read.remarks import collected_remarks, remark
 from markergen.read.templates import read_template
 from markergen.units import format_length
@@ -173,6 +173,11 @@ def inspect(
         kinds = [asked["kind"]] if asked["kind"] else kinds_of(path)
         if unknown := [kind for kind in kinds if kind not in INSPECTORS]:
             raise InputError("a known --kind", brief(unknown[0]), f"known: {', '.join(INSPECTORS)}")
+        for option, kind in KIND_OF_OPTION.items():
+            if asked[option] not in (None, False) and kind not in kinds:
+                flag = option.replace("_", "-")
+                remedy = f"leave out --{flag}, or give --kind {kind}"
+                raise InputError(f"a file of kind {kind} for --{flag}", f"kind {' and '.join(kinds)}", remedy)
         facts = [INSPECTORS[kind](path, asked) for kind in kinds]
     inspection = Inspection(path.name, facts, remarks)
     contents = {} if target is None else {target: _converted(facts, target)}
@@ -429,3 +434,10 @@ INSPECTORS: dict[str, Callable[[Path, Mapping[str, Any]], Facts]] = {
     "points": _points,
 }
 """Functions that read the facts of a file of a kind."""
+
+KIND_OF_OPTION = {
+    "image_size": "camera",
+    **dict.fromkeys(READING, "poses"),
+    **dict.fromkeys(("boundary_unit", "layer", "ignore_open"), "outline"),
+}
+"""Kind of file that an option says how to read."""

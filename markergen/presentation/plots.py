@@ -237,7 +237,7 @@ def check_figure(path: Path) -> None:
         If the path ends neither in .svg nor in .png.
     """
     if path.suffix.lower() not in FORMATS:
-        raise InputError(f"a picture {' or '.join(FORMATS)}", str(path), "choose one of these endings")
+        raise InputError(f"a picture {' or '.join(FORMATS)}", brief(str(path)), "choose one of these endings")
 
 
 def new_figure(size: tuple[float, float] = (6.4, 4.8)) -> "Figure":

@@ -227,3 +227,14 @@ def test_a_spec_of_a_rig(tmp_path):
     (tmp_path / "cube.toml").write_text(template_text("cube").replace('"pose"', '"poe"'))
     with pytest.raises(mg.InputError, match="poe"):
         mg.inspect(tmp_path / "cube.toml")
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "kind"),
+    [("image_size", "640x480", "camera"), ("poses_unit", "mm", "poses"), ("ignore_open", True, "outline")],
+)
+def test_options_of_another_kind_are_refused(tmp_path, option, value, kind):
+    path = tmp_path / "marker.json"
+    mg.design(n=4, dot="20mm", restarts=2).marker.save(path)
+    with pytest.raises(mg.InputError, match=f"kind {kind} for --{option.replace('_', '-')}, found kind marker"):
+        mg.inspect(path, **{option: value})

@@ -72,7 +72,7 @@ def test_a_plot_in_a_page_shares_no_ids_and_keeps_its_text():
 def test_a_picture_is_named_by_its_format():
     for name in ("a.svg", "A.PNG"):
         plots.check_figure(Path(name))
-    with pytest.raises(InputError, match=r"\.svg or \.png, found a\.pdf"):
+    with pytest.raises(InputError, match=r"\.svg or \.png, found 'a\.pdf'"):
         plots.check_figure(Path("a.pdf"))
 
 

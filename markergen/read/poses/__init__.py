@@ -106,7 +106,7 @@ def poses_as_stated(poses: Any, options: Mapping[str, Any]) -> Any:
         return poses
     if not isinstance(poses, str | PathLike) or (isinstance(poses, str) and is_named(poses)):
         expected = f"a file of poses with --{option.replace('_', '-')}"
-        raise InputError(expected, brief(poses), "give --poses FILE, or leave it out")
+        raise InputError(expected, "none" if poses is None else brief(poses), "give --poses FILE, or leave it out")
     return read_poses(Path(poses), stated_convention(options) or AS_WRITTEN)
 
 
