@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
+from markergen.api.arguments import as_path
 from markergen.api.shipped import template_plan
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
@@ -33,7 +34,8 @@ from markergen.read.formats import recognized, written
 from markergen.read.kinds import kinds_of
 from markergen.read.outlines.boundary import outline_reading
 from markergen.read.outlines.formats import OUTLINE_FORMATS
-from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, READING, pose_reading, stated_convention
+from markergen.read.poses import AS_WRITTEN, POSE_FORMATS, pose_reading, stated_convention
+from markergen.read.poses.conventions import READING
 from markergen.read.remarks import collected_remarks, remark
 from markergen.read.templates import read_template
 from markergen.units import format_length
@@ -165,7 +167,7 @@ def inspect(
     <Inspection of camera.yaml: camera>
     """
     asked = settle(options, InspectKeywords)
-    path = Path(file)
+    path = as_path(file, "a file to inspect")
     target = None if to is None else Path(to)
     targets = Inspection.targets(save, json=json, plot=plot)
     check_outputs([name for _, name in targets.files] + ([target] if target else []), [path])

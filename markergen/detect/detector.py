@@ -162,7 +162,7 @@ class Detector:
         self._note = "\n".join(filter(None, [self._note, *doubts]))
         printed = planned_print(*self._markers) if print_sigma is None else parse_length(print_sigma, "print_sigma")
         errors = ErrorSources(printed, covariance, scale_sigma=scale_sigma)
-        if symmetric not in ("none", "any"):
+        if not isinstance(symmetric, str) or symmetric not in ("none", "any"):
             raise InputError("symmetric: none or any", brief(symmetric), "give one of these")
         if not (isinstance(smallest, int | float) and 0 <= smallest < float("inf")):
             raise InputError("a diameter of 0 px or more", f"smallest={brief(smallest)}", "give a number of px")

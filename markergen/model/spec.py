@@ -4,10 +4,11 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
 from math import comb, hypot, isfinite, sqrt
+from numbers import Real
 from typing import Any, Literal
 
 from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, PRINT_SIGMA
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.goal import parse_goal, parse_target
@@ -380,9 +381,11 @@ class Spec:
 
 def check_scale(sigma: float) -> None:
     """Refuse a standard deviation of a print's scale that is not 0 to 0.1; raises InputError."""
-    if not 0 <= sigma <= 0.1:
+    if not (isinstance(sigma, Real) and 0 <= sigma <= 0.1):
         raise InputError(
-            "a scale error of 0 to 0.1", f"scale_sigma={sigma}", "give a fraction: 0.001 is 0.1 %, 1 mm in a meter"
+            "a scale error of 0 to 0.1",
+            f"scale_sigma={brief(sigma)}",
+            "give a fraction: 0.001 is 0.1 %, 1 mm in a meter",
         )
 
 

@@ -4,6 +4,7 @@ The options themselves are declared in `markergen.options.declarations`, the kin
 """
 
 import os
+import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -297,6 +298,10 @@ GUESSES = {
 """What users of other tools write: the option that has to exist for an answer, and the answer."""
 
 
+_WRITTEN = re.compile(r"--?([a-z-]+) ([a-z0-9][^\s;,]*)")
+"""An option with its value at the command line."""
+
+
 def guess(name: str, names: Collection[str]) -> str:
     """Return the answer to an option of another tool where these options exist; else nothing."""
     option, answer = GUESSES.get(name, ("", ""))
@@ -305,9 +310,14 @@ def guess(name: str, names: Collection[str]) -> str:
 
 def _hint(name: str, names: Mapping[str, Option]) -> str:
     if answer := guess(name, names):
-        return answer
+        return _WRITTEN.sub(_as_keyword, answer)
     matches = get_close_matches(name, names, n=1)
     return f"did you mean {matches[0]!r}?" if matches else f"known: {', '.join(names)}"
+
+
+def _as_keyword(option: re.Match[str]) -> str:
+    name, value = {"o": "output"}.get(option[1], option[1]).replace("-", "_"), option[2]
+    return f"{name}={value if value.isdecimal() else repr(value)}"
 
 
 def _plain(value: Any) -> Any:

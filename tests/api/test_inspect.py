@@ -238,3 +238,8 @@ def test_options_of_another_kind_are_refused(tmp_path, option, value, kind):
     mg.design(n=4, dot="20mm", restarts=2).marker.save(path)
     with pytest.raises(mg.InputError, match=f"kind {kind} for --{option.replace('_', '-')}, found kind marker"):
         mg.inspect(path, **{option: value})
+
+
+def test_what_is_no_path_is_refused():
+    with pytest.raises(mg.InputError, match=r"a path, found 3\.0"):
+        mg.inspect(3.0)

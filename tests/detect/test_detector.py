@@ -184,6 +184,8 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
         (["pentagon", CAMERA], {"camera_covariance": [1, 2, 3, "x"]}, "a covariance of the camera's parameters"),
         (["pentagon", CAMERA], {"camera_covariance": -np.eye(4)}, "variances of 0 or more"),
         (["pentagon", CAMERA], {"symmetric": "magic"}, "none or any"),
+        (["pentagon", CAMERA], {"symmetric": np.zeros(3)}, "none or any"),
+        (["pentagon", CAMERA], {"scale_sigma": "much"}, "a scale error of 0 to 0.1"),
         (["pentagon", CAMERA], {"smallest": -1}, "smallest=-1"),
         (["pentagon", CAMERA], {"copies": 0}, "copies=0"),
         ([np.array(3)], {}, "found ndarray array(3)"),

@@ -97,6 +97,13 @@ def test_a_wrong_type_is_told(name, given, expected):
     assert "\n" not in said
 
 
+def test_names_of_other_tools_are_answered_as_python_writes_them():
+    with pytest.raises(InputError, match="radius='150mm' or boundary='rect:200mmx100mm'"):
+        settle({"size": 0.2}, DesignKeywords)
+    with pytest.raises(InputError, match="write n=8"):
+        settle({"dots": 8}, DesignKeywords)
+
+
 def test_all_that_is_wrong_is_told_at_once():
     with pytest.raises(InputError) as caught:
         settle({"rnus": 3, "noise": "0.2", "zzz": 1, "seed": 1.5}, ValidateKeywords)
