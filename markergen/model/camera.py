@@ -279,6 +279,8 @@ class Camera:
         >>> Camera(640, 480, 800, 800, 319.5, 239.5).scaled(2)
         Camera(width=1280, height=960, fx=1600, fy=1600, cx=639.5, cy=479.5)
         """
+        if not (isinstance(factor, Real) and 0 < factor < float("inf")):
+            raise InputError("a factor above 0", brief(factor), "give a number: 0.5 for half as many pixels per side")
         return replace(
             self,
             width=max(1, round(factor * self.width)),

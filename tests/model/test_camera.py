@@ -238,7 +238,13 @@ def test_a_camera_by_the_size_of_its_images_and_its_angle_of_view():
         typical_camera("1280x720@180deg")
 
 
-@pytest.mark.parametrize("text", ["1280x720", "1280x720@60", "1920x1080@78", "webcm"])
+@pytest.mark.parametrize("text", ["1280x720", "1280x720@60", "1920x1080@78", "webcm", "w" * 3000])
 def test_what_is_nearly_a_typical_camera_names_the_forms(text):
     with pytest.raises(InputError, match="1280x720@60deg"):
         Camera.load(text)
+
+
+@pytest.mark.parametrize("factor", [0, -1, np.nan, np.inf, "2", None])
+def test_a_camera_is_not_scaled_by_what_is_no_factor(factor):
+    with pytest.raises(InputError, match="a factor above 0"):
+        PAPER_CAMERA.scaled(factor)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, among, brief
+from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import NAMED_CAMERAS, SIZE_AND_ANGLE, Camera, typical_camera
 from markergen.read.cameras.document import Document, Fields, NoSizeError, document_of
@@ -102,7 +103,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     if typical := typical_camera(text):
         return typical
     is_name = text.isalnum() or re.match(r"\d+x\d+@", text) or get_close_matches(text, NAMED_CAMERAS, cutoff=0.8)
-    if is_name and not Path(path).exists():
+    if is_name and not exists(Path(path)):
         remedy = among(text, [*NAMED_CAMERAS, SIZE_AND_ANGLE])
         raise InputError("a camera's file, a typical camera, or image size and angle of view", brief(text), remedy)
     return _camera_of(*sized_document(path))
