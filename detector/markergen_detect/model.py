@@ -181,11 +181,11 @@ def _constellation(body: Body, index: Indices, kept: "list[NDArray[Any]]") -> "N
     plate = int(body.plates[index[0]])
     points = (body.xyz[index] - body.translations[plate]) @ body.rotations[plate]
     n, rings, distance = len(index), body.rings[index], _distances(points)
-    near = np.argsort(distance, axis=-1, kind="stable")[:, : min(n - 1, NEAR_DOTS)]
+    neighbors = np.argsort(distance, axis=-1, kind="stable")[:, : min(n - 1, NEAR_DOTS)]
     paired = np.ones((n, n), dtype=bool)
     if n > MANY_DOTS:
         paired[:] = rings[:, None] | rings
-        np.put_along_axis(paired, near[:, :PAIRED_DOTS], True, axis=1)
+        np.put_along_axis(paired, neighbors[:, :PAIRED_DOTS], True, axis=1)
     np.fill_diagonal(paired, False)
     pairs = np.argwhere(paired)
     lateral = np.linalg.norm(points[pairs[:, 1], :2] - points[pairs[:, 0], :2], axis=-1)
@@ -195,7 +195,7 @@ def _constellation(body: Body, index: Indices, kept: "list[NDArray[Any]]") -> "N
     return struct(
         "Constellation", kept, plate=plate, count=n, dots=index.astype(np.int64), points=points,
         pair_count=len(pairs), pairs=pairs[order].astype(np.int64), ratio=ratio[order],
-        near_count=near.shape[1], near=near.astype(np.int64), flat=np.ptp(points[:, 2]) < 1e-9,
+        neighbor_count=neighbors.shape[1], neighbors=neighbors.astype(np.int64), flat=np.ptp(points[:, 2]) < 1e-9,
         sizes=np.log(body.diameters[index].max() / body.diameters[index].min()),
     )  # fmt: skip
 

@@ -33,7 +33,7 @@ static const double AGREES = 4.6;
 /* What is left to find of a layout, and why nothing was found. */
 typedef struct {
     Pool pool;
-    int64_t members, found, left, restarts; /* bodies of the layout; copies found, and looked for */
+    int64_t members, copies, left, restarts; /* bodies of the layout; copies found, and looked for */
     int searched, ended;
     Finding why;
 } Quest;
@@ -65,7 +65,7 @@ static int late(const Budget *budget) { return budget->until > 0 && now() > budg
 static void forget(Scene *scene)
 {
     for (int64_t k = 0; k < scene->count; k++)
-        scene->shown[k].clutter = -1;
+        scene->looks[k].clutter = -1;
 }
 
 /* Takes the blobs of a labeling, and drops the other labelings with any of these. */
@@ -110,7 +110,7 @@ static int64_t fit_dots_of(Frame *frame, const Layout *layout, const Labeling *l
         return NO_MEMORY;
     undo_lens(scene->camera, scene->blobs, which, count);
     for (int64_t i = 0; i < count; i++)
-        if (scene->blobs[which[i]].known)
+        if (scene->blobs[which[i]].reached)
             update_blob(scene, which[i]);
         else
             scene->taken[which[i]] = 1;
@@ -195,7 +195,7 @@ static void seek(Frame *frame, int64_t l)
     static const double FOCALS[] = {1, 0.4, 3};
     Quest *quest = frame->quests + l;
     /* All members of a family may be there; further copies are in plain sight. */
-    const int first = quest->found < quest->members;
+    const int first = quest->copies < quest->members;
     if (!quest->searched) {
         quest->pool.count = quest->why.cut = 0;
         for (int f = 0; f < (frame->calibrated ? 1 : 3); f++) {
@@ -209,7 +209,7 @@ static void seek(Frame *frame, int64_t l)
         quest->searched = 1;
     }
     const Labeling *best = best_of(&quest->pool);
-    if (!quest->found && best->evidence > quest->why.evidence) {
+    if (!quest->copies && best->evidence > quest->why.evidence) {
         quest->why.evidence = best->evidence;
         quest->why.state = best->evidence > 0 ? UNSURE : UNFIT;
         quest->why.count = best->count;
@@ -316,7 +316,7 @@ static int ask_tags(const Frame *frame, int64_t l, const Labeling *labeling, Fin
 /* ---- bodies that are put together otherwise ---- */
 
 /* One plate of a layout as a layout of its own, in the body's frame; its constellations are freed by the caller. */
-static int plate_layout(const Layout *layout, int64_t plate, Layout *own)
+static int plate_layout(const Layout *layout, int64_t plate, Layout *alone)
 {
     int64_t first = 0, count = 0, parts = 0, dots = 0;
     for (int64_t d = 0; d < layout->count; d++)
@@ -324,10 +324,10 @@ static int plate_layout(const Layout *layout, int64_t plate, Layout *own)
             first = d;
     Constellation *constellations = calloc((size_t)layout->constellation_count + 1, sizeof *constellations);
     int64_t *numbers = malloc((size_t)(layout->count + 1) * sizeof *numbers);
-    *own = *layout;
-    own->count = count;
-    own->dots = layout->dots + first;
-    own->constellations = constellations;
+    *alone = *layout;
+    alone->count = count;
+    alone->dots = layout->dots + first;
+    alone->constellations = constellations;
     if (!constellations || !numbers) {
         free(constellations);
         free(numbers);
@@ -342,11 +342,11 @@ static int plate_layout(const Layout *layout, int64_t plate, Layout *own)
         for (int64_t i = 0; i < layout->constellations[c].count; i++)
             numbers[dots++] = layout->constellations[c].dots[i] - first;
     }
-    own->constellation_count = parts;
+    alone->constellation_count = parts;
     for (int a = 0; a < 3; a++) {
-        own->middle[a] = 0;
+        alone->middle[a] = 0;
         for (int64_t d = 0; d < count; d++)
-            own->middle[a] += own->dots[d].xyz[a] / (double)count;
+            alone->middle[a] += alone->dots[d].xyz[a] / (double)count;
     }
     return 0;
 }
@@ -408,22 +408,22 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
     if (layout->plate_count < 2 || (finding->state == FOUND && !unexplained))
         return 0;
     for (int64_t p = 0; p < layout->plate_count && count < PLATES; p++) {
-        Layout own;
+        Layout alone;
         Pool pool;
-        if (plate_layout(layout, p, &own))
+        if (plate_layout(layout, p, &alone))
             return NO_MEMORY;
-        if (pool_for(&pool, own.count))
+        if (pool_for(&pool, alone.count))
             count = NO_MEMORY;
-        else if (own.constellation_count) {
-            search(&frame->scene, &own, &frame->budget, 0, &frame->work, &pool);
+        else if (alone.constellation_count) {
+            search(&frame->scene, &alone, &frame->budget, 0, &frame->work, &pool);
             if (best_of(&pool)->evidence > SURE) {
                 poses[count] = best_of(&pool)->pose;
                 plates[count++] = p;
-            } else if (unexplained && mirrors < PLATES && is_mirrored(frame, &own, &pool, 0))
+            } else if (unexplained && mirrors < PLATES && is_mirrored(frame, &alone, &pool, 0))
                 mirrored[mirrors++] = p;
         }
-        free((void *)own.constellations[layout->constellation_count].dots);
-        free((void *)own.constellations);
+        free((void *)alone.constellations[layout->constellation_count].dots);
+        free((void *)alone.constellations);
         free(pool.memory);
         if (count < 0)
             return NO_MEMORY;
@@ -436,21 +436,21 @@ static int contradictions(Frame *frame, const Layout *layout, const Labeling *ch
             Pose body = poses[i];
             if (i != j)
                 body = exchanged(layout->plates + plates[i], layout->plates + plates[j], poses + i);
-            int64_t own[PLATES], score = 0;
-            double turn[PLATES] = {0};
+            int64_t taken[PLATES], score = 0;
+            double angles[PLATES] = {0};
             for (int64_t k = 0; k < count; k++)
-                own[k] = place_of(layout, plates[k], &body, poses + k, turn + k);
+                taken[k] = place_of(layout, plates[k], &body, poses + k, angles + k);
             for (int64_t k = 0; k < count; k++) {
                 int mutual = 0;
                 for (int64_t m = 0; m < count; m++)
-                    mutual |= m != k && own[k] == plates[m] && own[m] == plates[k];
-                score += own[k] == plates[k] ? 4 : mutual ? 3 : own[k] >= 0 ? 0 : -2;
-                score += own[k] >= 0 && fabs(turn[k]) < TURNED ? 2 : 0;
+                    mutual |= m != k && taken[k] == plates[m] && taken[m] == plates[k];
+                score += taken[k] == plates[k] ? 4 : mutual ? 3 : taken[k] >= 0 ? 0 : -2;
+                score += taken[k] >= 0 && fabs(angles[k]) < TURNED ? 2 : 0;
             }
             if (score > most) {
                 most = score;
-                memcpy(places, own, sizeof own);
-                memcpy(turns, turn, sizeof turn);
+                memcpy(places, taken, sizeof taken);
+                memcpy(turns, angles, sizeof angles);
             }
         }
     finding->misplaced = 0;
@@ -605,7 +605,7 @@ static int next_finding(Frame *frame)
     int strangers = 0;
     const int64_t place = judge_labelings(frame, best, &finding, &strangers);
     if (place < 0) {
-        if (finding.state && !quest->found)
+        if (finding.state && !quest->copies)
             quest->why = finding;
         /* Another marker than the one that is looked for has these dots. */
         quest->ended = finding.state && strangers ? 0 : CLOSED;
@@ -618,7 +618,7 @@ static int next_finding(Frame *frame)
         return NO_MEMORY;
     if (misplaced)
         finding.state = CONTRADICTED;
-    if (finding.state == AMBIGUOUS && !quest->found) {
+    if (finding.state == AMBIGUOUS && !quest->copies) {
         Pool pool;
         if (pool_for(&pool, layout->count))
             return NO_MEMORY;
@@ -644,13 +644,13 @@ static int next_finding(Frame *frame)
         claim.rival = best;
         finding.rival = l;
         other->ended = CLOSED;
-        if (!other->found)
+        if (!other->copies)
             status = add_findings(frame, l, best_of(&other->pool), &claim);
     }
-    if (!status && (finding.state == FOUND || !quest->found))
+    if (!status && (finding.state == FOUND || !quest->copies))
         status = finding.state == FOUND ? add_finding(frame->findings, layout, chosen, &finding)
                                         : add_findings(frame, best, chosen, &finding);
-    if (finding.state == FOUND && finding.tag >= 0 && !quest->found) {
+    if (finding.state == FOUND && finding.tag >= 0 && !quest->copies) {
         quest->why.state = OTHER_TAG;
         quest->why.tag = finding.tag;
         quest->why.tag_place = finding.tag_place;
@@ -658,7 +658,7 @@ static int next_finding(Frame *frame)
         quest->why.tag_state = TAG_READ;
     }
     quest->left = finding.state == FOUND ? quest->left - 1 : 0;
-    quest->found++;
+    quest->copies++;
     take(frame, layout, chosen);
     return status ? status : 1;
 }
@@ -825,11 +825,11 @@ static int append(Findings *all, Findings *part)
 /* Whether a finding has a dot of one of others. */
 static int overlap(const Findings *all, const Findings *part)
 {
-    const Finding *own = part->findings;
+    const Finding *finding = part->findings;
     for (int64_t i = 0; i < all->count; i++)
         for (int64_t a = 0; a < all->findings[i].count; a++)
-            for (int64_t b = 0; b < own->count; b++) {
-                const double *one = all->blobs[all->findings[i].blobs[a]].center, *other = part->blobs[own->blobs[b]].center;
+            for (int64_t b = 0; b < finding->count; b++) {
+                const double *one = all->blobs[all->findings[i].blobs[a]].center, *other = part->blobs[finding->blobs[b]].center;
                 if (fabs(one[0] - other[0]) < 1 && fabs(one[1] - other[1]) < 1)
                     return 1;
             }
@@ -881,18 +881,18 @@ static int window_of(const Layout *layout, const Camera *camera, const Image *im
 static int track(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,
                  const Track *tracks, int64_t count, Findings *findings)
 {
-    int found = 1, status = 0;
-    for (int64_t k = 0; k < count && found && !status; k++) {
+    int tracked = 1, status = 0;
+    for (int64_t k = 0; k < count && tracked && !status; k++) {
         Findings part = {0};
         Image window;
-        Options own = *options;
+        Options window_options = *options;
         int64_t corner[2];
         double smallest;
-        found = window_of(model->layouts + model->members[tracks[k].member].layout, camera, image, &tracks[k].pose, corner, &window,
+        tracked = window_of(model->layouts + model->members[tracks[k].member].layout, camera, image, &tracks[k].pose, corner, &window,
                           &smallest);
-        if (!found)
+        if (!tracked)
             break;
-        own.copies = 1;
+        window_options.copies = 1;
         part.blob_count = find_blobs(&window, fmax(0.7 * smallest, options->smallest), options->blobs, &part.blobs);
         status = part.blob_count < 0 ? NO_MEMORY : 0;
         if (status)
@@ -903,19 +903,19 @@ static int track(const Model *model, const Camera *camera, int calibrated, const
         }
         undo_lens(camera, part.blobs, NULL, part.blob_count);
         /* Others are looked for, too: it might be one of them. */
-        status = (int)label_frame(model, camera, calibrated, image, &own, &part);
+        status = (int)label_frame(model, camera, calibrated, image, &window_options, &part);
         for (int64_t i = 0; i < part.count; i++)
             if (part.findings[i].state != FOUND || part.findings[i].member != tracks[k].member) {
                 free(part.findings[i].dots);
                 free(part.findings[i].pixels);
                 part.findings[i--] = part.findings[--part.count];
             }
-        found = !status && part.count && 2 * part.findings[0].count >= tracks[k].count && !overlap(findings, &part);
-        if (found)
+        tracked = !status && part.count && 2 * part.findings[0].count >= tracks[k].count && !overlap(findings, &part);
+        if (tracked)
             status = append(findings, &part);
         findings_free(&part);
     }
-    return status ? status : found;
+    return status ? status : tracked;
 }
 
 int64_t detect_frame(const Model *model, const Camera *camera, int calibrated, const Image *image, const Options *options,

@@ -47,7 +47,7 @@ typedef struct {
     double doubt;                     /* how unlike a dot's the edge is, from 0 */
     double side;                      /* of the pixels that it was measured in, px of the image */
     int32_t state;                    /* ROUGH, FITTED to the grey levels, or REFUSED by that fit: then as rough as before */
-    int32_t known;                    /* whether a ray reaches it: only then it has what follows; see undo_lens */
+    int32_t reached;                  /* whether a ray reaches it: only then it has what follows; see undo_lens */
     double at[2], shape[3];           /* center c and E, (x - c)' E^-1 (x - c) = 1 on the outline, normalized */
     double spread[3];                 /* covariance of `at` */
 } Blob;
@@ -93,7 +93,7 @@ void lens_pixel(const Camera *camera, const double *ray, double *pixel, double *
 /* Distances, px, inward from a blob's ellipse to the outline of which it is the best fit, in the image of a dot through the lens:
    at `count` points, at most 32, in the middles of the sectors of fit.c. */
 void outline_bend(const Camera *camera, const Blob *blob, int count, double *bend);
-/* Fills in what `known` stands for of `count` blobs, all or those of `which`. */
+/* Fills in what `reached` stands for of `count` blobs, all or those of `which`. */
 void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t count);
 
 /* ---- fit.c ---- */
@@ -168,7 +168,7 @@ typedef struct {
 
 /* The most likely pose of matched dots, from a start that is about right, with outliers dropped one by one: they become the
    last ones of `matches`, in this order. Returns the number of dots kept, 0 if no pose sees them from the front, or NO_MEMORY.
-   Blobs are to be `known`. */
+   Blobs are to be `reached`. */
 int64_t estimate_pose(const Dot *dots, const Blob *blobs, Match *matches, int64_t m, const Camera *camera,
                       const Errors *errors, const Pose *start, Estimate *estimate);
 
@@ -210,8 +210,8 @@ typedef struct {
     int64_t pair_count;
     const int64_t *pairs;  /* (pair_count, 2) ordered pairs, places in `dots`, by the next one's order */
     const double *ratio;   /* (pair_count) their lateral distances in radii of the first, ascending */
-    int64_t near_count;
-    const int64_t *near;   /* (count, near_count) the dots nearest to each, places in `dots` */
+    int64_t neighbor_count;
+    const int64_t *neighbors; /* (count, neighbor_count) the dots nearest to each, places in `dots` */
     double sizes;          /* logarithm of the ratio of the largest to the smallest radius */
     int32_t flat;          /* whether all are at one height */
 } Constellation;
@@ -385,7 +385,7 @@ void findings_free(Findings *findings);
 /* The image of a dot's own center, px, which the ellipse's center in its blob is not: 1, or 0 beyond the lens's reach. */
 int dot_pixel(const Dot *dot, const Blob *blob, const Pose *pose, const Camera *camera, double *pixel);
 
-/* Without a calibrated camera: images of flat dots' own centers (m, 2), px, through the lens by which blobs are `known`, and the
+/* Without a calibrated camera: images of flat dots' own centers (m, 2), px, through the lens by which blobs are `reached`, and the
    homography H from (x, y) of `xyz`, m, to these, by DLT, scaled to H[8] = 1. Returns 0 if no four dots have no three on a line:
    then H is not written; or NO_MEMORY. */
 int correct_centers(const Dot *dots, const Blob *blobs, const Match *matches, int64_t m, const Camera *camera, double *corrected,

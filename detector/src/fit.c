@@ -206,8 +206,8 @@ static int make_room(Descent *dot, int64_t room)
 static inline Flags sectors_of(Lanes u, Lanes v)
 {
     const Lanes across = magnitude(u), down = magnitude(v);
-    const Flags turn = -((down > 0.41421356f * across) + (down > across) + (0.41421356f * down > across));
-    const Flags left = u < 0, above = v < 0, half = (left & (SECTORS / 2 - 1 - turn)) | (~left & turn);
+    const Flags octant = -((down > 0.41421356f * across) + (down > across) + (0.41421356f * down > across));
+    const Flags left = u < 0, above = v < 0, half = (left & (SECTORS / 2 - 1 - octant)) | (~left & octant);
     return (above & (SECTORS - 1 - half)) | (~above & half);
 }
 
@@ -230,7 +230,7 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
     const int64_t bottom = (int64_t)within(floor(center_y + outer.reach), -1, (double)(image->height - 1));
     const int64_t every = 1 + (int64_t)(pi * (a * b - (hollow ? c * d : 0)) / ENOUGH);
     const int64_t rows = bottom < top ? 0 : (bottom - top) / every + 1;
-    int64_t found = 0, ends[SECTORS] = {0};
+    int64_t read_count = 0, ends[SECTORS] = {0};
     int highest = 0;
 
     if (make_room(dot, rows * (int64_t)smaller(2 * outer.half + 4, (double)(image->width + 4)) + SECTORS * LANES))
@@ -251,18 +251,18 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
             if (image->wide)
                 memcpy(&level, row + 2 * x, 2);
             highest = level > highest ? level : highest;
-            xs[found] = from + (float)(int32_t)(x - first);
-            ys[found] = (float)up;
-            levels[found++] = image->inverted ? -(float)level : (float)level;
+            xs[read_count] = from + (float)(int32_t)(x - first);
+            ys[read_count] = (float)up;
+            levels[read_count++] = image->inverted ? -(float)level : (float)level;
         }
     }
     const float m11 = (float)dot->p[2], m12 = (float)dot->p[3], m22 = (float)dot->p[4];
-    for (int64_t i = 0; i < found; i += LANES) {
+    for (int64_t i = 0; i < read_count; i += LANES) {
         const Lanes x = read(xs + i), y = read(ys + i);
         const Flags sectors = sectors_of(m11 * x + m12 * y, m12 * x + m22 * y);
         memcpy(dot->sector + i, &sectors, sizeof sectors);
     }
-    for (int64_t i = 0; i < found; i++)
+    for (int64_t i = 0; i < read_count; i++)
         ends[dot->sector[i]]++;
     for (int k = 0; k < SECTORS; k++) {
         dot->start[k + 1] = dot->start[k] + (ends[k] + LANES - 1) / LANES * LANES;
@@ -273,7 +273,7 @@ static int collect(Descent *dot, const Image *image, const Blob *blob, double ba
     dot->count = dot->start[SECTORS];
     /* The highest level of so many bits. */
     dot->saturation = image->inverted ? 0 : highest >= UINT8_MAX && !(highest & (highest + 1)) ? highest : (double)INFINITY;
-    for (int64_t j = 0; j < found; j++) {
+    for (int64_t j = 0; j < read_count; j++) {
         const int64_t i = ends[dot->sector[j]]++;
         dot->pixels[X][i] = xs[j];
         dot->pixels[Y][i] = ys[j];
@@ -344,10 +344,10 @@ static void sum_sectors(Descent *dot)
    the edge's height, relative to the model's. */
 static void strangeness(const Descent *dot, double noise, double *strange)
 {
-    double shift[SECTORS], square[SECTORS];
+    double outward[SECTORS], square[SECTORS];
     for (int k = 0; k < SECTORS; k++) {
         const double *sums = dot->sums[k];
-        shift[k] = sums[HR] / larger(sums[HH], TINY);
+        outward[k] = sums[HR] / larger(sums[HH], TINY);
         square[k] = sums[RR] / larger(sums[NUMBER], 1);
         for (int i = k; i > 0 && square[i] < square[i - 1]; i--) {
             const double swapped = square[i];
@@ -358,10 +358,10 @@ static void strangeness(const Descent *dot, double noise, double *strange)
     /* Edges that the camera sharpened are off all around: a quarter of the sectors tells by how much. */
     noise = larger(noise, smaller(sqrt(square[SECTORS / 4 - 1]), MISFIT * (dot->p[LIGHT] - dot->p[DARK])));
     for (int k = 0; k < SECTORS; k++) {
-        const double *sums = dot->sums[k], information = larger(sums[HH], TINY), size = fabs(shift[k]);
+        const double *sums = dot->sums[k], information = larger(sums[HH], TINY), size = fabs(outward[k]);
         /* Blur other than the model's moves opposite edges alike, and does not move the center. */
-        const double across = shift[(k + SECTORS / 2) % SECTORS];
-        const double uneven = shift[k] * across > 0 ? larger(size - fabs(across), 0) : size;
+        const double across = outward[(k + SECTORS / 2) % SECTORS];
+        const double uneven = outward[k] * across > 0 ? larger(size - fabs(across), 0) : size;
         const double allowed = SHIFT_PX * larger(1, dot->p[BLUR]) + SHIFT_SHARE * dot->size[0];
         const double mean = sums[M] / larger(sums[NUMBER], 1), power = larger(sums[MM] - mean * sums[M], TINY);
         const double height = (sums[MR] - mean * sums[R]) / power;
@@ -417,11 +417,11 @@ static void evaluate(Descent *dot, int every)
                 seen.by_blur -= hole.by_blur;
                 write(pixels[INNER] + i, -contrast * hole.slope);
             }
-            const Lanes model = level - contrast * (seen.ink - bent), shown = least_of(model, all(saturation));
+            const Lanes model = level - contrast * (seen.ink - bent), clipped = least_of(model, all(saturation));
             write(pixels[BULGE] + i, -contrast * seen.by_blur);
             write(pixels[INK] + i, seen.ink);
-            write(pixels[MODEL] + i, shown);
-            write(pixels[RESIDUAL] + i, read(pixels[GREY] + i) - shown);
+            write(pixels[MODEL] + i, clipped);
+            write(pixels[RESIDUAL] + i, read(pixels[GREY] + i) - clipped);
             write(pixels[HEARD] + i, pick(model > saturation, all(0), all(1)));
         }
     }
@@ -730,14 +730,14 @@ static void compare_sectors(const Descent *dot, double variance, Fit *fit)
     fit->odd = fit->pairs = 0;
     for (int k = 0; k < SECTORS; k++) {
         const int l = (k + SECTORS / 2) % SECTORS;
-        const double *own = dot->sums[k], *other = dot->sums[l];
-        const double information = larger(own[HH], TINY), opposite = larger(other[HH], TINY);
-        const double shift = own[HR] / information, apart = shift - other[HR] / opposite;
-        squares += own[RR];
-        number += own[NUMBER];
+        const double *sums = dot->sums[k], *across = dot->sums[l];
+        const double information = larger(sums[HH], TINY), opposite = larger(across[HH], TINY);
+        const double outward = sums[HR] / information, apart = outward - across[HR] / opposite;
+        squares += sums[RR];
+        number += sums[NUMBER];
         if (dot->left_out[k])
             continue;
-        sum += information * shift * shift;
+        sum += information * outward * outward;
         if (k < l && !dot->left_out[l]) {
             fit->odd += apart * apart / (1 / information + 1 / opposite) / variance;
             fit->pairs++;
@@ -837,17 +837,17 @@ static double measure_slopes(const Fit *fit, int part, int axis, double *varianc
 /* Means over both axes of the square and of the variance. */
 static double square_slopes(const Fit *fit, int part, double *variance)
 {
-    double crossed[COUNT], own[2];
-    const double x = measure_slopes(fit, part, 0, own, crossed), y = measure_slopes(fit, part, 1, own + 1, crossed);
-    *variance = (own[0] + own[1]) / 2;
+    double crossed[COUNT], variances[2];
+    const double x = measure_slopes(fit, part, 0, variances, crossed), y = measure_slopes(fit, part, 1, variances + 1, crossed);
+    *variance = (variances[0] + variances[1]) / 2;
     return (x * x + y * y) / 2;
 }
 
 /* Takes a measurement of one as zero, of a variance, into account: in the unknowns and in their covariances. */
 static void shrink_slope(Fit *fit, int part, int axis, double variance)
 {
-    double crossed[COUNT], own;
-    const double slope = measure_slopes(fit, part, axis, &own, crossed), per = 1 / (own + variance);
+    double crossed[COUNT], measured;
+    const double slope = measure_slopes(fit, part, axis, &measured, crossed), per = 1 / (measured + variance);
     for (int r = 0; r < COUNT; r++) {
         fit->p[r] -= crossed[r] * slope * per;
         for (int k = 0; k < 4; k++)
@@ -865,13 +865,13 @@ static void shrink_slope(Fit *fit, int part, int axis, double variance)
    light, as much as needed in other light. */
 static void shrink_slopes(Fit *fits, int64_t count)
 {
-    double freedom = 0, odd = 0, own, shared[2];
+    double freedom = 0, odd = 0, expected, shared[2];
     for (int part = 0; part < 2; part++) {
         const double slack = part ? 1 / sqrt((double)count) : 0;
         double sum = 0, weights = 0;
         for (int64_t i = 0; i < count; i++) {
-            const double square = square_slopes(fits + i, part, &own), weight = 1 / larger(own * own, 1e-30);
-            sum += (square - (1 + slack) * own) * weight;
+            const double square = square_slopes(fits + i, part, &expected), weight = 1 / larger(expected * expected, 1e-30);
+            sum += (square - (1 + slack) * expected) * weight;
             weights += weight;
         }
         shared[part] = sum / weights;
@@ -899,7 +899,7 @@ static void shrink_slopes(Fit *fits, int64_t count)
    less the wider the blur, which makes more of them alike; and its blur, which all dots of one lens have but for 6 %: behind a
    blur as wide as a ring's ink, a disk with another blur looks the same. With a fifth for all, one of 24 blurred markers had its
    ring elsewhere. */
-static double kind_told(const Fit *fit, double blur)
+static double kind_evidence(const Fit *fit, double blur)
 {
     if (!fit->tried)
         return -1e6;
@@ -917,7 +917,7 @@ static double common_blur(const Fit *fits, int64_t count)
             continue;
         double sum = 0;
         for (int64_t i = 0; i < count; i++) {
-            const double disk = kind_told(fits + 2 * i, fits[k].p[BLUR]), ring = kind_told(fits + 2 * i + 1, fits[k].p[BLUR]);
+            const double disk = kind_evidence(fits + 2 * i, fits[k].p[BLUR]), ring = kind_evidence(fits + 2 * i + 1, fits[k].p[BLUR]);
             if (fits[2 * i].good || fits[2 * i + 1].good)
                 sum += disk > ring ? disk : ring;
         }
@@ -1014,15 +1014,15 @@ int fit_blobs(const Image *image, const Camera *camera, Blob *blobs, const int64
         const Blob *blob = blobs + which[i];
         const int tiny = is_tiny(blob);
         const double rough = tiny ? 0 : 18 * (blob->hole - 0.5);
-        double told = disk->tried && ring->tried ? kind_told(ring, blur) - kind_told(disk, blur) : rough;
+        double log_ratio = disk->tried && ring->tried ? kind_evidence(ring, blur) - kind_evidence(disk, blur) : rough;
         /* What is no wider than this shows no hole, whatever fits say. */
         if (blob->semi[1] < SHOWN_BLURS * (blur > 0 ? blur : blob->blur))
-            told = told > 1 ? 1 : told < -1 ? -1 : told;
-        Fit chosen = ring->good && (told > 0 || !disk->good) ? *ring : *disk;
+            log_ratio = log_ratio > 1 ? 1 : log_ratio < -1 ? -1 : log_ratio;
+        Fit chosen = ring->good && (log_ratio > 0 || !disk->good) ? *ring : *disk;
         if (!chosen.good)
             continue;
         chosen.blob = which[i];
-        chosen.hole = 0.5 + (told > 9 ? 9 : told < -9 ? -9 : told) / 18; /* as label.c reads it */
+        chosen.hole = 0.5 + (log_ratio > 9 ? 9 : log_ratio < -9 ? -9 : log_ratio) / 18; /* as label.c reads it */
         if (tiny)
             chosen.other = blob->hole > 0.5 ? 1 / blob->other : blob->other;
         else

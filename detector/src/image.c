@@ -67,8 +67,8 @@ double ranked(float *values, int64_t count, int64_t k)
         }
     }
     for (int64_t i = 0; i < count; i += LANES) {
-        const Lanes own = read(values + i);
-        least = least_of(least, pick(own < low, all(INFINITY), own));
+        const Lanes four = read(values + i);
+        least = least_of(least, pick(four < low, all(INFINITY), four));
     }
     return count ? (double)-largest_of(-least) : 0;
 }
@@ -429,15 +429,15 @@ static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width
     int32_t count = 0;
     uint64_t before = 0;
     for (int64_t x = 0; x <= width; x += 64) {
-        uint64_t words[8], any = before, bits = 0;
-        memcpy(words, dark + x, sizeof words);
+        uint64_t eights[8], any = before, bits = 0;
+        memcpy(eights, dark + x, sizeof eights);
         for (int i = 0; i < 8; i++)
-            any |= words[i];
+            any |= eights[i];
         if (!any)
             continue;
         /* Eight bytes to eight bits, the first one the lowest. */
         for (int i = 0; i < 8; i++)
-            bits |= (words[i] * UINT64_C(0x0102040810204080) >> 56) << (8 * i);
+            bits |= (eights[i] * UINT64_C(0x0102040810204080) >> 56) << (8 * i);
         for (uint64_t edges = bits ^ (bits << 1 | before); edges; edges &= edges - 1)
             changes[count++] = (int32_t)(x + __builtin_ctzll(edges));
         before = bits >> 63;
@@ -446,7 +446,7 @@ static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width
 }
 
 /* Outlines of the components that could be dots, of the finest level that is searched or another one. */
-static int find_components(const Image *image, const Image *coarse, int finest, Edges *found)
+static int find_components(const Image *image, const Image *coarse, int finest, Edges *edges)
 {
     const int64_t height = image->height, width = image->width;
     if (height < 3 || width < 3)
@@ -486,32 +486,32 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
         above[above_count] = (Run){INT32_MAX, INT32_MAX, -1};
         for (int32_t j = 0; j < here_count; j++) {
             const int32_t a = changes[2 * j], b = changes[2 * j + 1] - 1;
-            int32_t own = -1;
+            int32_t joined = -1;
             while (above[i].last < a)
                 i++;
             for (int32_t k = i; above[k].first <= b; k++) {
                 const int32_t other = final(all, above[k].component);
-                if (own < 0)
-                    own = other;
-                else if (other != own) {
-                    join(all + own, all + other);
-                    all[other].into = own;
+                if (joined < 0)
+                    joined = other;
+                else if (other != joined) {
+                    join(all + joined, all + other);
+                    all[other].into = joined;
                 }
             }
-            if (own < 0) {
+            if (joined < 0) {
                 if (free_one >= 0) {
-                    own = free_one;
-                    free_one = all[own].into;
+                    joined = free_one;
+                    free_one = all[joined].into;
                 } else
-                    own = used++;
-                all[own] = (Component){.left = a, .right = b, .top = (int32_t)y, .into = own};
+                    joined = used++;
+                all[joined] = (Component){.left = a, .right = b, .top = (int32_t)y, .into = joined};
             }
-            here[j] = (Run){a, b, own};
+            here[j] = (Run){a, b, joined};
         }
         for (int32_t j = 0; j < here_count; j++) {
-            const int32_t a = here[j].first, b = here[j].last, own = here[j].component = final(all, here[j].component);
+            const int32_t a = here[j].first, b = here[j].last, component = here[j].component = final(all, here[j].component);
             const double n = b - a + 1, s = a + b, v = (double)y;
-            Component *c = all + own;
+            Component *c = all + component;
             c->pixels += n;
             c->x += n * s / 2;
             c->y += n * v;
@@ -524,16 +524,16 @@ static int find_components(const Image *image, const Image *coarse, int finest, 
         }
         /* Those of the row above that do not go on: joined ones, and complete ones. Several runs may refer to one. */
         for (int32_t k = 0; k < above_count; k++) {
-            const int32_t own = above[k].component;
-            Component *c = all + own;
+            const int32_t component = above[k].component;
+            Component *c = all + component;
             Edge outline;
             if (c->bottom == y || c->bottom < 0)
                 continue;
-            if (c->into == own && c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_edge(found, &outline))
+            if (c->into == component && c->pixels >= LEAST_PIXELS && is_elliptic(c, &outline) && add_edge(edges, &outline))
                 status = NO_MEMORY;
             c->bottom = -1;
             c->into = free_one;
-            free_one = own;
+            free_one = component;
         }
         Run *swapped = above;
         above = here;
@@ -849,9 +849,9 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
         difference += weight[i] * slope[i];
         count += weight[i];
     }
-    Flags found = (count >= MIN_NORMALS[pass]) & (median >= MIN_STEP) & (uneven < MAX_UNEVEN[pass] * median);
-    if (!any(found))
-        return found;
+    Flags even = (count >= MIN_NORMALS[pass]) & (median >= MIN_STEP) & (uneven < MAX_UNEVEN[pass] * median);
+    if (!any(even))
+        return even;
 
     for (int done = 1; done <= ROUNDS[pass]; done++) {
         const int last = done == ROUNDS[pass];
@@ -895,7 +895,7 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
     const Lanes *e = f.e, apart = (e[2] - e[4]) * 0.5f, shorter = (e[2] + e[4]) * 0.5f - root_of(apart * apart + e[3] * e[3]);
     const Lanes longer = e[2] + e[4] - shorter, rms = root_of(squares / total);
     const float most = MAX_RMS[pass][0], growth = MAX_RMS[pass][1];
-    found &= (shorter > MIN_SEMI) & (longer < (float)MAX_ELONGATION * shorter) & (rms < most + growth * shorter);
+    even &= (shorter > MIN_SEMI) & (longer < (float)MAX_ELONGATION * shorter) & (rms < most + growth * shorter);
     Lanes middle = all(0);
     if (pass) {
         const Lanes size = most_of(all(MIDDLE_LEAST), MIDDLE_SHARE - MIDDLE_PX / shorter);
@@ -907,13 +907,13 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
         }
     }
     for (int k = 0; k < LANES && k < of; k++) {
-        const double own[UNKNOWNS] = {(double)f.x[k] + (double)e[0][k], (double)f.y[k] + (double)e[1][k], (double)e[2][k],
+        const double outline[UNKNOWNS] = {(double)f.x[k] + (double)e[0][k], (double)f.y[k] + (double)e[1][k], (double)e[2][k],
                                       (double)e[3][k], (double)e[4][k]};
-        if (!found[k] || !is_ellipse(own)) {
-            found[k] = 0;
+        if (!even[k] || !is_ellipse(outline)) {
+            even[k] = 0;
             continue;
         }
-        memcpy(edges[k].e, own, sizeof own);
+        memcpy(edges[k].e, outline, sizeof outline);
         edges[k].light = (double)(light[normals / 2 - 1][k] + light[normals / 2][k]) / 2;
         edges[k].step = (double)median[k];
         edges[k].uneven = (double)(uneven[k] / median[k]);
@@ -924,7 +924,7 @@ static Flags move_to_edges(const Image *image, Edge *edges, int64_t of, int pass
         edges[k].inverse[1] = (double)solved[1][1][k];
         edges[k].inverse[2] = (double)solved[2][1][k];
     }
-    return found;
+    return even;
 }
 
 /* ---- what is behind blurred outlines ----

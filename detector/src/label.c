@@ -138,24 +138,24 @@ static void circle_poses(const Blob *blob, double focal, double (*position)[3], 
 /* Writes where and how large a blob is to its place in the squares. */
 static void place_spot(Scene *scene, int64_t k)
 {
-    const int64_t spot = scene->shown[k].spot;
+    const int64_t spot = scene->looks[k].spot;
     for (int a = 0; a < 2; a++)
         scene->spots[a][spot] = (float)scene->blobs[k].at[a];
-    scene->spots[2][spot] = (float)scene->shown[k].area;
+    scene->spots[2][spot] = (float)scene->looks[k].area;
     scene->member[spot] = (int32_t)k;
 }
 
 static void show_blob(Scene *scene, int64_t k, double focal)
 {
-    Shown *shown = scene->shown + k;
+    Look *look = scene->looks + k;
     double e[3];
     for (int i = 0; i < 3; i++)
         e[i] = scene->blobs[k].shape[i] / (focal * focal);
     const double det = larger(e[0] * e[2] - e[1] * e[1], 1e-300);
-    shown->area = sqrt(det);
+    look->area = sqrt(det);
     place_spot(scene, k);
-    shown->size = log(det) / 4;
-    shown->slack = SLACK[scene->calibrated] + SLACK_PX / larger(shorter_px(scene->px * focal, e), 1e-150);
+    look->size = log(det) / 4;
+    look->slack = SLACK[scene->calibrated] + SLACK_PX / larger(shorter_px(scene->px * focal, e), 1e-150);
 }
 
 /* Lists the blobs by squares of the image, in each in their order. */
@@ -163,22 +163,22 @@ static void number_blobs(Scene *scene)
 {
     const int64_t squares = scene->columns * scene->rows;
     memset(scene->first, 0, (size_t)(squares + 2) * sizeof *scene->first);
-    int32_t *end = scene->first + 1, known = 0;
+    int32_t *end = scene->first + 1, count = 0;
     for (int64_t k = 0; k < scene->count; k++)
-        if (scene->blobs[k].known) {
+        if (scene->blobs[k].reached) {
             end[square_of(scene, scene->blobs[k].at)]++;
-            known++;
+            count++;
         }
     for (int64_t s = 1; s < squares; s++)
         end[s] += end[s - 1];
     for (int64_t k = scene->count - 1; k >= 0; k--)
-        if (scene->blobs[k].known)
-            scene->shown[k].spot = --end[square_of(scene, scene->blobs[k].at)];
+        if (scene->blobs[k].reached)
+            scene->looks[k].spot = --end[square_of(scene, scene->blobs[k].at)];
     /* Now end[s] is where square s begins. */
     memmove(scene->first, end, (size_t)squares * sizeof *end);
-    scene->first[squares] = known;
+    scene->first[squares] = count;
     for (int64_t k = 0; k < scene->count; k++)
-        if (scene->blobs[k].known)
+        if (scene->blobs[k].reached)
             place_spot(scene, k);
 }
 
@@ -200,7 +200,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->side = larger(sqrt(area / (double)(count + 16)), 8) / scene->px;
     double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     for (int64_t k = 0; k < count; k++)
-        for (int a = 0; a < 2 && blobs[k].known; a++) {
+        for (int a = 0; a < 2 && blobs[k].reached; a++) {
             low[a] = smaller(low[a], blobs[k].at[a]);
             high[a] = larger(high[a], blobs[k].at[a]);
         }
@@ -212,7 +212,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->side = larger(larger((high[0] - low[0]) / (double)scene->columns, (high[1] - low[1]) / (double)scene->rows), scene->side);
     scene->low[0] = low[0];
     scene->low[1] = low[1];
-    scene->shown = malloc((size_t)(count + 1) * sizeof *scene->shown);
+    scene->looks = malloc((size_t)(count + 1) * sizeof *scene->looks);
     scene->room = count + LANES;
     scene->pairs = count <= MOST_PAIRED ? malloc(2 * (size_t)(count * scene->room + 1) * sizeof *scene->pairs) : NULL;
     scene->seen[0] = calloc(SEEN * (size_t)scene->room, sizeof(float));
@@ -221,7 +221,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
     scene->spots[0] = calloc(3 * (size_t)scene->room, sizeof(float));
     scene->member = malloc((size_t)scene->room * sizeof *scene->member);
     scene->owner = malloc((size_t)(count + 1) * sizeof *scene->owner);
-    if (!scene->shown || !scene->seen[0] || !scene->taken || !scene->first || !scene->spots[0] || !scene->member || !scene->owner)
+    if (!scene->looks || !scene->seen[0] || !scene->taken || !scene->first || !scene->spots[0] || !scene->member || !scene->owner)
         return NO_MEMORY;
     for (int i = 1; i < SEEN; i++)
         scene->seen[i] = scene->seen[0] + i * scene->room;
@@ -230,18 +230,18 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
         scene->spots[i] = scene->spots[0] + i * scene->room;
     for (int64_t k = 0; k < count; k++) {
         scene->owner[k] = -1;
-        scene->shown[k].clutter = -1;
-        scene->taken[k] = !blobs[k].known;
+        scene->looks[k].clutter = -1;
+        scene->taken[k] = !blobs[k].reached;
     }
     number_blobs(scene);
-    double rings = 0.5, known = 1;
+    double rings = 0.5, usable = 1;
     for (int64_t k = 0; k < count; k++) {
-        rings += blobs[k].known && blobs[k].hole > 1 - DOUBTFUL;
-        known += blobs[k].known;
+        rings += blobs[k].reached && blobs[k].hole > 1 - DOUBTFUL;
+        usable += blobs[k].reached;
     }
-    scene->rings = smaller(larger(rings / known, 0.02), 0.5);
+    scene->rings = smaller(larger(rings / usable, 0.02), 0.5);
     for (int64_t k = 0; k < count; k++)
-        if (blobs[k].known) {
+        if (blobs[k].reached) {
             update_blob(scene, k);
             show_blob(scene, k, 1);
         }
@@ -250,7 +250,7 @@ int scene_of(Scene *scene, const Camera *camera, int calibrated, Blob *blobs, in
 
 void scene_free(Scene *scene)
 {
-    free(scene->shown);
+    free(scene->looks);
     free(scene->seen[0]);
     free(scene->pairs);
     free(scene->taken);
@@ -263,21 +263,21 @@ void scene_free(Scene *scene)
 /* Takes over a blob that is better known now. Its square stays: it moves by less than the reach of any search. */
 void update_blob(Scene *scene, int64_t k)
 {
-    Shown *shown = scene->shown + k;
-    symmetric_root(scene->blobs[k].shape, shown->root);
+    Look *look = scene->looks + k;
+    symmetric_root(scene->blobs[k].shape, look->root);
     for (int i = 0; i < 3; i++)
-        shown->root[i] *= scene->px;
-    shown->mean = (shown->root[0] + shown->root[2]) / 2;
+        look->root[i] *= scene->px;
+    look->mean = (look->root[0] + look->root[2]) / 2;
     const Blob *blob = scene->blobs + k;
     place_spot(scene, k);
     for (int i = 0; i < SEEN; i++)
-        scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : shown->root[i - 2]);
+        scene->seen[i][k] = (float)(i < 2 ? scene->px * blob->at[i] : look->root[i - 2]);
     /* Standard deviation of each entry of `root`, px: of fits to grey levels, of rough ellipses, and of those that the fit
        refuses; with half of it, dots under print of 600 dpi are lost, with twice, a board's dot of twice the size is. */
     const double least = blob->state == FITTED ? 0.08 : blob->state == REFUSED ? 0.3 : 0.15 * larger(blob->side, 1);
     const double share = blob->state == FITTED ? 0.015 : 0.03;
-    shown->sigma = hypot(least, share * shown->mean);
-    shown->broad = -1;
+    look->sigma = hypot(least, share * look->mean);
+    look->broad = -1;
 }
 
 /* ---- evidence ---- */
@@ -308,21 +308,21 @@ static inline Lanes bump(Lanes q)
 
 /* What the densities at a blob depend on: its `seen`; for squares of distances, 1/32 of their inverse variances; and largest values. */
 typedef struct {
-    float seen[SEEN], of_narrow, of_wide, of_disk, of_region, of_near, even, region, near, narrow, wide;
+    float seen[SEEN], of_narrow, of_wide, of_disk, of_region, of_close, even, region, close, narrow, wide;
 } Kernel;
 
 static Kernel kernel_of(const Scene *scene, int64_t k)
 {
-    const Shown *shown = scene->shown + k;
-    const double mean = shown->mean * shown->mean, narrow = shown->sigma * shown->sigma, wide = larger(9 * narrow, 0.01 * mean);
+    const Look *look = scene->looks + k;
+    const double mean = look->mean * look->mean, narrow = look->sigma * look->sigma, wide = larger(9 * narrow, 0.01 * mean);
     /* Clutter gathers: over the image, over a sixteenth of its width, and as near as dots of a marker are to each other. */
     const double width = 0.06 * (double)scene->camera->width, one = width * width, other = smaller(64 * mean, one);
     const double shape = 15.749610 /* (2 pi)^1.5 */;
     Kernel kernel = {
         .of_narrow = (float)(1 / (32 * narrow)), .of_wide = (float)(1 / (32 * wide)), .of_disk = (float)(1 / (2 * mean)),
-        .of_region = (float)(1 / (32 * one)), .of_near = (float)(1 / (32 * other)), .even = (float)(0.25 / frame_area(scene)),
-        .region = (float)(0.25 / (2 * PI * one)), .near = (float)(0.5 / (2 * PI * other)),
-        .narrow = (float)(0.8 / (shape * narrow * shown->sigma)), .wide = (float)(0.2 / (shape * wide * sqrt(wide))),
+        .of_region = (float)(1 / (32 * one)), .of_close = (float)(1 / (32 * other)), .even = (float)(0.25 / frame_area(scene)),
+        .region = (float)(0.25 / (2 * PI * one)), .close = (float)(0.5 / (2 * PI * other)),
+        .narrow = (float)(0.8 / (shape * narrow * look->sigma)), .wide = (float)(0.2 / (shape * wide * sqrt(wide))),
     };
     for (int i = 0; i < SEEN; i++)
         kernel.seen[i] = scene->seen[i][k];
@@ -336,7 +336,7 @@ static inline void densities_of(const Scene *scene, const Kernel *at, int64_t fr
     for (int i = 0; i < SEEN; i++)
         off[i] = at->seen[i] - read(scene->seen[i] + from);
     const Lanes square = off[2] * off[2] + 2 * off[3] * off[3] + off[4] * off[4], apart = off[0] * off[0] + off[1] * off[1];
-    const Lanes place = at->even + at->region * bump(at->of_region * apart) + at->near * bump(at->of_near * apart);
+    const Lanes place = at->even + at->region * bump(at->of_region * apart) + at->close * bump(at->of_close * apart);
     *shaped = place * (at->narrow * bump(at->of_narrow * square) + at->wide * bump(at->of_wide * square));
     *alike = place * bump(at->of_disk * square);
 }
@@ -348,28 +348,28 @@ static inline void densities_of(const Scene *scene, const Kernel *at, int64_t fr
    whose ring is hidden should have none. */
 static void weigh(const Scene *scene, int64_t k)
 {
-    Shown *shown = scene->shown + k;
-    const double s = shown->mean, spread = 0.3 * s, dx = (shown->root[0] - shown->root[2]) / sqrt(2), dy = sqrt(2) * shown->root[1];
+    Look *look = scene->looks + k;
+    const double s = look->mean, spread = 0.3 * s, dx = (look->root[0] - look->root[2]) / sqrt(2), dy = sqrt(2) * look->root[1];
     /* Shapes that are longer than this says are as likely as at three of its standard deviations. */
     const double round = larger(exp(-0.5 * (dx * dx + dy * dy) / (spread * spread)), 0.0111);
-    shown->broad = round / (2 * PI * spread * spread * sqrt(2) * s * 6.2) / frame_area(scene);
-    shown->log_broad = log(shown->broad);
-    shown->log_shape = 1.5 * log(2 * PI * shown->sigma * shown->sigma);
-    const double told = smaller(larger(18 * (scene->blobs[k].hole - 0.5), -6), 9);
-    shown->disk = -log(scene->rings * exp(told) + 1 - scene->rings);
-    shown->ring = told + shown->disk;
+    look->broad = round / (2 * PI * spread * spread * sqrt(2) * s * 6.2) / frame_area(scene);
+    look->log_broad = log(look->broad);
+    look->log_shape = 1.5 * log(2 * PI * look->sigma * look->sigma);
+    const double log_ratio = smaller(larger(18 * (scene->blobs[k].hole - 0.5), -6), 9);
+    look->disk = -log(scene->rings * exp(log_ratio) + 1 - scene->rings);
+    look->ring = log_ratio + look->disk;
 }
 
 /* Densities of both kinds that the other blobs show at blob k of a labeling. */
 static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int64_t n, double *shaped, double *alike)
 {
-    Shown *shown = scene->shown + k;
+    Look *look = scene->looks + k;
     float *row = scene->pairs ? scene->pairs + 2 * k * scene->room : NULL;
     Kernel at = {.even = 0};
     Lanes densities[2];
-    if (shown->clutter < 0 || !row)
+    if (look->clutter < 0 || !row)
         at = kernel_of(scene, k);
-    if (shown->clutter < 0) {
+    if (look->clutter < 0) {
         double sums[2][LANES] = {{0}};
         for (int64_t from = 0; from < scene->count; from += LANES) {
             densities_of(scene, &at, from, densities, densities + 1);
@@ -380,11 +380,11 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
                 for (int i = 0; i < 2; i++)
                     sums[i][l] += scene->taken[from + l] || from + l == k ? 0 : (double)densities[i][l];
         }
-        shown->clutter = (sums[0][0] + sums[0][1]) + (sums[0][2] + sums[0][3]);
-        shown->alike = (sums[1][0] + sums[1][1]) + (sums[1][2] + sums[1][3]);
+        look->clutter = (sums[0][0] + sums[0][1]) + (sums[0][2] + sums[0][3]);
+        look->alike = (sums[1][0] + sums[1][1]) + (sums[1][2] + sums[1][3]);
     }
-    *shaped = shown->clutter;
-    *alike = shown->alike;
+    *shaped = look->clutter;
+    *alike = look->alike;
     for (int64_t i = 0; i < n; i++)
         if (labels[i] >= 0 && labels[i] != k) {
             const double less = labels[i] < k ? 1 - FOLLOWS : 1;
@@ -393,7 +393,7 @@ static void clutter_of(const Scene *scene, int64_t k, const int64_t *labels, int
             *shaped -= less * (double)(row ? row[labels[i]] : densities[0][0]);
             *alike -= less * (double)(row ? row[scene->room + labels[i]] : densities[1][0]);
         }
-    *shaped = larger(*shaped, 0) + shown->broad;
+    *shaped = larger(*shaped, 0) + look->broad;
     *alike = larger(*alike, 0) + 1 / frame_area(scene);
 }
 
@@ -487,11 +487,11 @@ static inline int64_t nearest_blob(const Scene *scene, const Dot *dot, const dou
                     continue;
                 const int64_t k = scene->member[spot + l];
                 const Blob *blob = scene->blobs + k;
-                const double own = scene->shown[k].area, dx = blob->at[0] - at[0], dy = blob->at[1] - at[1];
+                const double size_there = scene->looks[k].area, dx = blob->at[0] - at[0], dy = blob->at[1] - at[1];
                 const double xx = reach2 * blob->shape[0] + margin2, xy = reach2 * blob->shape[1];
                 const double yy = reach2 * blob->shape[2] + margin2;
                 const double square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
-                if (square < *least && fabs(dx) < far && fabs(dy) < far && own < area * ratio && area < own * ratio &&
+                if (square < *least && fabs(dx) < far && fabs(dy) < far && size_there < area * ratio && area < size_there * ratio &&
                     !(dot && is_other_kind(dot, blob))) {
                     *least = square;
                     which = k;
@@ -534,7 +534,7 @@ static void expected_root(const Scene *scene, const Dot *dot, const Outline *dra
 {
     const Blob *blob = scene->blobs + k;
     symmetric_root(drawn->shape, root);
-    const double half = scene->px * (root[0] + root[2]) / 2, mean = scene->shown[k].mean;
+    const double half = scene->px * (root[0] + root[2]) / 2, mean = scene->looks[k].mean;
     if (dot->ring != (blob->hole > 0.5) && fabs(mean - half / blob->other) < fabs(mean - half))
         for (int i = 0; i < 3; i++)
             root[i] /= blob->other;
@@ -583,14 +583,14 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         }
         if (!drawn->seen)
             return -INFINITY;
-        const Shown *shown = scene->shown + labeling->labels[i];
+        const Look *look = scene->looks + labeling->labels[i];
         double root[3];
-        if (shown->broad < 0)
+        if (look->broad < 0)
             weigh(scene, labeling->labels[i]);
         expected_root(scene, layout->dots + i, drawn, labeling->labels[i], root);
-        const double ratio = 0.5 * log((shown->root[0] * shown->root[2] - shown->root[1] * shown->root[1]) /
+        const double ratio = 0.5 * log((look->root[0] * look->root[2] - look->root[1] * look->root[1]) /
                                        larger((root[0] * root[2] - root[1] * root[1]) * scene->px * scene->px, 1e-300));
-        const double weight = 2 * shown->mean * shown->mean / (shown->sigma * shown->sigma);
+        const double weight = 2 * look->mean * look->mean / (look->sigma * look->sigma);
         common += weight * ratio;
         weights += weight;
         labeling->count++;
@@ -607,30 +607,30 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         if (k < 0)
             continue;
         const Outline *drawn = work->drawn + i;
-        const Shown *shown = scene->shown + k;
+        const Look *look = scene->looks + k;
         const Blob *blob = scene->blobs + k;
         double root[3], J[2][7], W[3][BEYONDS], miss[BEYONDS], area[BEYONDS];
         expected_root(scene, layout->dots + i, drawn, labeling->labels[i], root);
-        const double xx = shown->root[0] - factor * root[0], xy = shown->root[1] - factor * root[1];
-        const double yy = shown->root[2] - factor * root[2];
-        const double square = (xx * xx + 2 * xy * xy + yy * yy) / (shown->sigma * shown->sigma);
+        const double xx = look->root[0] - factor * root[0], xy = look->root[1] - factor * root[1];
+        const double yy = look->root[2] - factor * root[2];
+        const double square = (xx * xx + 2 * xy * xy + yy * yy) / (look->sigma * look->sigma);
         /* One outline in ten is three times as far off. */
         const double usual = 0.9 * exp(-0.5 * square), coarse = 0.1 / 27 * exp(-0.5 * square / 9) + 1e-300;
-        const double shape = log(usual + coarse) - shown->log_shape;
+        const double shape = log(usual + coarse) - look->log_shape;
         /* The root changes by -r sin(tilt) m m' with the tilt, m the minor axis, and is turned with the direction of it. */
         const double cosine = smaller(drawn->facing, 1), sine = sqrt(1 - cosine * cosine), half = factor * (root[0] - root[2]) / 2;
         const double q = hypot(half, factor * root[1]), along = q > 0 ? half / q : 1, across = q > 0 ? factor * root[1] / q : 0;
         const double u = along * (xx - yy) / 2 + across * xy, v = along * xy - across * (xx - yy) / 2;
         const double radius = factor * (root[0] + root[2]) / (1 + cosine), bend = 2 * radius * (1 - cosine) / larger(sine, 1e-9);
-        const double trust = (usual + coarse / 9) / ((usual + coarse) * shown->sigma * shown->sigma);
+        const double trust = (usual + coarse / 9) / ((usual + coarse) * look->sigma * look->sigma);
         slope[0] -= trust * radius * sine * ((xx + yy) / 2 - u);
         slope[1] += trust * bend * v;
         plane[0] += trust * radius * radius * sine * sine / (1 + cosine * cosine);
         plane[1] += trust * bend * bend / 2;
         outlines += trust * radius * radius;
-        const double kind = layout->dots[i].ring ? shown->ring : shown->disk;
+        const double kind = layout->dots[i].ring ? look->ring : look->disk;
         work->shape[i] = shape;
-        shapes += shape - shown->log_broad;
+        shapes += shape - look->log_broad;
         /* Where most dots are too small to be seen, those that seem to be are others. */
         const double px = 2 * shorter_px(scene->px, drawn->shape);
         kinds += kind + log(px < LIMIT_PX ? SEEN_BELOW : px < PLAIN_PX ? 1 - MISSED_AT_LIMIT : 1);
@@ -652,7 +652,7 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         }
         if (++multiplied % 8 == 0)
             take_roots(sum, dets);
-        work->each[i] = kind - 0.5 * miss[2] - 0.5 * log(area[2]);
+        work->per_dot[i] = kind - 0.5 * miss[2] - 0.5 * log(area[2]);
         chi2 += miss[0];
         for (int p = 0; p < parameters; p++) {
             double u[BEYONDS], v[BEYONDS];
@@ -717,14 +717,14 @@ double evidence_of(const Scene *scene, const Layout *layout, Labeling *labeling,
         clutter_of(scene, k, labeling->labels, layout->count, &clutter, &alike);
         shapes += work->shape[i] - log(clutter);
         disks -= log(alike);
-        work->each[i] += smaller(work->shape[i] - log(clutter), -log(alike));
+        work->per_dot[i] += smaller(work->shape[i] - log(clutter), -log(alike));
     }
     /* Equal disks, too, have the outlines that they have by a plane that is one of many, and at a distance: what outlines tell
        of these is no accident, and no evidence. At small tilts they change by its square. */
     disks += log(RANGE / (sqrt(2 * PI) * INK)) - 0.5 * common * common / (INK * INK);
     for (int i = 0; i < 2; i++) {
-        const double known = plane[i] + sqrt(outlines) / 2;
-        disks += 0.5 * log(known) - 0.5 * slope[i] * slope[i] / known;
+        const double variance = plane[i] + sqrt(outlines) / 2;
+        disks += 0.5 * log(variance) - 0.5 * slope[i] * slope[i] / variance;
     }
     labeling->evidence += smaller(shapes, disks);
     if (!(labeling->evidence < INFINITY))
@@ -820,7 +820,7 @@ static void leave_merged(const Scene *scene, const Layout *layout, Labeling *lab
             continue;
         outline_of(layout->dots + i, layout->dots[i].xyz, &labeling->pose, &drawn);
         const double area = drawn.shape[0] * drawn.shape[2] - drawn.shape[1] * drawn.shape[1];
-        const double size = scene->shown[labeling->labels[i]].size + log(scene->focal) - 0.25 * log(larger(area, 1e-300));
+        const double size = scene->looks[labeling->labels[i]].size + log(scene->focal) - 0.25 * log(larger(area, 1e-300));
         const int single = scene->blobs[labeling->labels[i]].state == FITTED && size < TWO;
         if (!single && merges(scene, layout, &labeling->pose, i, &drawn))
             labeling->labels[i] = -1;
@@ -866,8 +866,8 @@ static void trim(const Scene *scene, const Layout *layout, Labeling *labeling, W
         if (work->judged != labeling->evidence)
             evidence_of(scene, layout, labeling, work);
         for (int64_t i = 0; i < layout->count; i++)
-            if (labeling->labels[i] >= 0 && work->each[i] < least) {
-                least = work->each[i];
+            if (labeling->labels[i] >= 0 && work->per_dot[i] < least) {
+                least = work->per_dot[i];
                 worst = i;
             }
         if (worst < 0)
@@ -929,7 +929,7 @@ static int fits_roughly(const Scene *scene, const Layout *layout, int mirrors, L
     const double mirrored = mirrors ? fit(scene, layout, m, work, &other) : INFINITY;
     if (mirrored < chi2)
         labeling->pose = other;
-    const double semi = scene->shown[work->matches[0].blob].mean, coarse = larger(1, semi / COARSE_PX[scene->calibrated]);
+    const double semi = scene->looks[work->matches[0].blob].mean, coarse = larger(1, semi / COARSE_PX[scene->calibrated]);
     return smaller(chi2, mirrored) <= IMPLAUSIBLE * coarse * coarse * (double)(2 * m - 6);
 }
 
@@ -993,11 +993,11 @@ static int64_t follow(const Scene *scene, const Layout *layout, const Guess *gue
         work->apart[i] = sqrt(x * x + y * y + z * z);
         farthest = larger(farthest, work->apart[i]);
     }
-    if (part->near_count < layout->count - 1) {
+    if (part->neighbor_count < layout->count - 1) {
         within = 0;
-        const int64_t *near = part->near + part->near_count * guess->start;
-        for (int64_t j = 0; j < part->near_count; j++)
-            within = larger(within, work->apart[part->dots[near[j]]]);
+        const int64_t *neighbors = part->neighbors + part->neighbor_count * guess->start;
+        for (int64_t j = 0; j < part->neighbor_count; j++)
+            within = larger(within, work->apart[part->dots[neighbors[j]]]);
         within *= 1 + 1e-9;
     }
     /* Far from where it starts, a guess is not good enough to tell dots from their neighbors: it grows by 1.6 each time; by
@@ -1081,7 +1081,7 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
 {
     const Constellation *part = layout->constellations + which;
     const Pose to_body = inverse_of(layout->plates + part->plate);
-    const Shown *first = scene->shown + i, *second = scene->shown + j;
+    const Look *first = scene->looks + i, *second = scene->looks + j;
     const double f = scene->focal, x = scene->blobs[j].at[0] / f, y = scene->blobs[j].at[1] / f;
     const double allowed = hypot(first->slack, second->slack), growth = exp(2 * GROWTH * allowed), longest = cosh(allowed);
     const double *e = scene->blobs[j].shape, area = f * f * second->area, limit = exp(hypot(allowed, 2 * INK));
@@ -1130,8 +1130,8 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
             }
             int64_t votes = 0;
             double support = 0;
-            for (int64_t l = 0; l < part->near_count && votes + part->near_count - l >= least; l++) {
-                const int64_t b = part->near[part->near_count * a + l];
+            for (int64_t l = 0; l < part->neighbor_count && votes + part->neighbor_count - l >= least; l++) {
+                const int64_t b = part->neighbors[part->neighbor_count * a + l];
                 const double *Z = part->points + 3 * b, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
                 const double px = R[0] * Z[0] + R[1] * Z[1] + R[2] * Z[2] + t[0];
                 const double py = R[3] * Z[0] + R[4] * Z[1] + R[5] * Z[2] + t[1];
@@ -1165,22 +1165,22 @@ static void guess_pair(const Scene *scene, const Layout *layout, int32_t which, 
 /* The up to `most` nearest to blob i of the first `before` blobs, within `far` and of about its size. */
 static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_t most, double far, double alike, Work *work)
 {
-    const double *at = scene->blobs[i].at, size = scene->shown[i].size, side = scene->side;
+    const double *at = scene->blobs[i].at, size = scene->looks[i].size, side = scene->side;
     const int64_t square = square_of(scene, at), column = square % scene->columns, row = square / scene->columns;
     const int64_t rings = scene->columns > scene->rows ? scene->columns : scene->rows;
     int64_t count = 0;
     for (int64_t ring = 0; ring <= rings; ring++) {
         const double inside = (double)(ring - 1) * side;
         /* What is in the squares farther out is farther away than this. */
-        if (inside > far || (ring > 0 && count >= most && work->near[most - 1].distance < inside * inside))
+        if (inside > far || (ring > 0 && count >= most && work->neighbors[most - 1].distance < inside * inside))
             break;
         for (int64_t y = row - ring < 0 ? 0 : row - ring; y <= row + ring && y < scene->rows; y++) {
             const int64_t step = y == row - ring || y == row + ring || ring == 0 ? 1 : 2 * ring;
             for (int64_t x = column - ring; x <= column + ring; x += step) {
                 if (x < 0 || x >= scene->columns)
                     continue;
-                const int64_t own = y * scene->columns + x;
-                for (int32_t q = scene->first[own]; q < scene->first[own + 1]; q++) {
+                const int64_t square = y * scene->columns + x;
+                for (int32_t q = scene->first[square]; q < scene->first[square + 1]; q++) {
                     const int64_t j = scene->member[q];
                     if (j >= before)
                         break; /* they are in order */
@@ -1189,13 +1189,13 @@ static int64_t partners_of(const Scene *scene, int64_t i, int64_t before, int64_
                     const double dx = scene->blobs[j].at[0] - at[0], dy = scene->blobs[j].at[1] - at[1];
                     const double distance = dx * dx + dy * dy;
                     work->steps++;
-                    if (distance > far * far || fabs(scene->shown[j].size - size) > alike ||
-                        (count >= most && distance >= work->near[most - 1].distance))
+                    if (distance > far * far || fabs(scene->looks[j].size - size) > alike ||
+                        (count >= most && distance >= work->neighbors[most - 1].distance))
                         continue;
                     int64_t place = count < most ? count++ : most - 1;
-                    for (; place > 0 && work->near[place - 1].distance > distance; place--)
-                        work->near[place] = work->near[place - 1];
-                    work->near[place] = (Near){distance, j};
+                    for (; place > 0 && work->neighbors[place - 1].distance > distance; place--)
+                        work->neighbors[place] = work->neighbors[place - 1];
+                    work->neighbors[place] = (Neighbor){distance, j};
                 }
             }
         }
@@ -1272,22 +1272,22 @@ static void guess_from(const Scene *scene, const Layout *layout, int64_t i, int6
     int posed = 0;
     for (int32_t c = 0; c < layout->constellation_count; c++) {
         const Constellation *part = layout->constellations + c;
-        const int64_t near = part->near_count, usual = near / 2 > 2 ? near / 2 : 2 < near ? 2 : near;
-        const int64_t least = strong ? near - near / 4 : usual;
-        const double drift = strong || !scene->calibrated ? scene->shown[i].slack : DRIFT;
+        const int64_t neighbors = part->neighbor_count, usual = neighbors / 2 > 2 ? neighbors / 2 : 2 < neighbors ? 2 : neighbors;
+        const int64_t least = strong ? neighbors - neighbors / 4 : usual;
+        const double drift = strong || !scene->calibrated ? scene->looks[i].slack : DRIFT;
         if (!part->pair_count)
             continue;
         const int64_t most = ring ? RINGED_BLOBS : strong || part->count > MANY_DOTS ? NEAREST_BLOBS : NEAR_BLOBS;
         /* The factor of 2 covers the perspective of near views, in which radii shrink toward the far side. */
-        const double far = 2 * part->ratio[part->pair_count - 1] * larger(scene->shown[i].root[0], scene->shown[i].root[2]) / scene->px;
+        const double far = 2 * part->ratio[part->pair_count - 1] * larger(scene->looks[i].root[0], scene->looks[i].root[2]) / scene->px;
         int64_t count = partners_of(scene, i, blobs, most, far, part->sizes + 1, work);
         if (count < LEAST_DOTS - 1)
             continue;
         for (int64_t q = 0; q < count; q++)
-            if (i >= fresh || work->near[q].blob >= fresh) {
+            if (i >= fresh || work->neighbors[q].blob >= fresh) {
                 if (!posed++)
                     circle_poses(scene->blobs + i, scene->focal, work->position, work->normal);
-                guess_pair(scene, layout, c, i, work->near[q].blob, drift, least, work);
+                guess_pair(scene, layout, c, i, work->neighbors[q].blob, drift, least, work);
             }
     }
 }
@@ -1432,14 +1432,14 @@ static void rigid_rivals(const Scene *scene, const Layout *layout, const Labelin
             if ((part->pairs[2 * k] == first && part->pairs[2 * k + 1] == second) || fabs(log(span / length)) > 0.25)
                 continue;
             const double area = span * length;
-            const Pose moved = moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / area, (u * y - v * x) / area);
+            const Pose tilted = moved_pose(layout->plates + part->plate, &pose, B, A, (u * x + v * y) / area, (u * y - v * x) / area);
             work->steps += 4 * probes;
-            if (!may_label(scene, layout, &moved, probes, stride, least))
+            if (!may_label(scene, layout, &tilted, probes, stride, least))
                 continue;
             Labeling rival = {0};
             rival.labels = work->labels;
-            rival.pose = moved;
-            const int64_t count = label(scene, layout, &moved, layout->reach, GUESS_PX / scene->px, NULL, 0, work, rival.labels);
+            rival.pose = tilted;
+            const int64_t count = label(scene, layout, &tilted, layout->reach, GUESS_PX / scene->px, NULL, 0, work, rival.labels);
             if (count < least || count < LEAST_DOTS || tried(work, rival.labels, layout->count))
                 continue;
             tries++;
@@ -1592,14 +1592,14 @@ int work_for(Work *work, int64_t dots)
     work->indices = malloc(4 * n * sizeof *work->indices);
     work->matches = malloc(n * sizeof *work->matches);
     work->guesses = malloc(GUESSES * sizeof *work->guesses);
-    work->near = malloc(NEARS * sizeof *work->near);
+    work->neighbors = malloc(NEIGHBORS * sizeof *work->neighbors);
     work->tried = malloc(TRIED * sizeof *work->tried);
-    if (!work->drawn || !work->numbers || !work->indices || !work->matches || !work->guesses || !work->near || !work->tried)
+    if (!work->drawn || !work->numbers || !work->indices || !work->matches || !work->guesses || !work->neighbors || !work->tried)
         return NO_MEMORY;
     work->seen = work->numbers;
     work->weight = work->numbers + 2 * n;
     work->least = work->numbers + 5 * n;
-    work->each = work->numbers + 6 * n;
+    work->per_dot = work->numbers + 6 * n;
     work->apart = work->numbers + 7 * n;
     work->shape = work->numbers + 8 * n;
     work->labels = work->indices;
@@ -1616,7 +1616,7 @@ void work_free(Work *work)
     free(work->indices);
     free(work->matches);
     free(work->guesses);
-    free(work->near);
+    free(work->neighbors);
     free(work->tried);
 }
 
@@ -1636,7 +1636,7 @@ void scene_focal(Scene *scene, double focal)
 {
     scene->focal = focal;
     for (int64_t k = 0; k < scene->count; k++)
-        if (scene->blobs[k].known)
+        if (scene->blobs[k].reached)
             show_blob(scene, k, focal);
 }
 
@@ -1653,7 +1653,7 @@ void mirror_scene(Scene *scene)
 {
     const double middle = scene->low[0] + 0.5 * scene->side * (double)scene->columns;
     for (int64_t k = 0; k < scene->count; k++)
-        if (scene->blobs[k].known) {
+        if (scene->blobs[k].reached) {
             scene->blobs[k].at[0] = 2 * middle - scene->blobs[k].at[0];
             scene->blobs[k].shape[1] = -scene->blobs[k].shape[1];
             scene->blobs[k].spread[1] = -scene->blobs[k].spread[1];
@@ -1664,25 +1664,25 @@ void mirror_scene(Scene *scene)
 
 /* By which angles about the plate's normal the labelings are turned that contradict a chosen one and are about as likely, rad;
    at most TURNS, each once. */
-int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn)
+int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *angles)
 {
-    const Labeling *own = pool->best + chosen;
+    const Labeling *best = pool->best + chosen;
     const double *N = layout->dots[0].normal;
     int64_t count = 0;
     for (int64_t i = 0; i < pool->count && count < TURNS; i++) {
         const Labeling *other = pool->best + i;
-        if (i == chosen || !(own->evidence - other->evidence < margin) || !contradict(layout, own, other))
+        if (i == chosen || !(best->evidence - other->evidence < margin) || !contradict(layout, best, other))
             continue;
         /* It turns about N: its angle is that of its skew part along N and its trace. */
-        const Pose to_body = inverse_of(&own->pose), turned = joined(&to_body, &other->pose);
+        const Pose to_body = inverse_of(&best->pose), turned = joined(&to_body, &other->pose);
         const double *T = turned.R;
         const double sine = ((T[7] - T[5]) * N[0] + (T[2] - T[6]) * N[1] + (T[3] - T[1]) * N[2]) / 2, cosine = (T[0] + T[4] + T[8] - 1) / 2;
         const double angle = atan2(sine, cosine);
         int there = 0;
         for (int64_t k = 0; k < count; k++)
-            there |= fabs(remainder(turn[k] - angle, 2 * PI)) < 0.05;
+            there |= fabs(remainder(angles[k] - angle, 2 * PI)) < 0.05;
         if (!there)
-            turn[count++] = angle;
+            angles[count++] = angle;
     }
     return count;
 }

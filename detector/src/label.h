@@ -5,7 +5,7 @@
 
 #include "detector.h"
 
-enum { SEEN = 5, LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEARS = 64, TRIED = 4096 };
+enum { SEEN = 5, LEAST_DOTS = 4, FEW_DOTS = 12, KEPT = 24, GUESSES = 4096, NEIGHBORS = 64, TRIED = 4096 };
 
 /* Guesses from one blob that are followed, and from all with but half of the votes. */
 enum { FOLLOWED = 16, LAST_FOLLOWED = 64 };
@@ -20,7 +20,7 @@ typedef struct {
     double broad, log_broad, log_shape;  /* see weigh; -1: not asked yet */
     double ring, disk;                   /* logarithms of the probability of what is seen of its kind, relative to clutter: see weigh */
     int64_t spot; /* its place in the squares */
-} Shown;
+} Look;
 
 /* The blobs of an image, by squares of `side`, in normalized coordinates. */
 struct Scene {
@@ -30,8 +30,8 @@ struct Scene {
     double rings;     /* share of rings among the blobs */
     Blob *blobs;
     int64_t count;
-    Shown *shown;
-    float *seen[SEEN]; /* of each blob: `at` and `root`, px; 0 for those that are not known */
+    Look *looks;
+    float *seen[SEEN]; /* of each blob: `at` and `root`, px; 0 for those that no ray reaches */
     int64_t room;      /* for as many, and LANES more */
     float *pairs;      /* (count, 2, room): densities_of a blob that another one shows; NULL if there are too many */
     uint8_t *taken;
@@ -52,19 +52,19 @@ typedef struct {
 typedef struct {
     double distance;
     int64_t blob;
-} Near;
+} Neighbor;
 
 /* Memory of a search, and how much it did. */
 typedef struct {
     Outline *drawn;
-    double *numbers, *seen, *weight, *least, *each, *apart, *shape;
+    double *numbers, *seen, *weight, *least, *per_dot, *apart, *shape;
     int64_t *indices, *labels, *next, *trial, *chosen;
     Match *matches;
     Guess *guesses;
     int64_t guess_count, replaced, steps;
-    Near *near;
+    Neighbor *neighbors;
     double position[2][3], normal[2][3]; /* both poses of a disk of radius 1 with the outline of the blob that is guessed from */
-    double judged; /* evidence of the labeling that `each` is of */
+    double judged; /* evidence of the labeling that `per_dot` is of */
     uint64_t *tried;
     int cut;
 } Work;
@@ -100,7 +100,7 @@ void drop(Pool *pool, int64_t place);
 double shorter_px(double px, const double *shape);
 int in_plain_view(const Scene *scene, const Dot *dot, const Pose *pose);
 void mirror_scene(Scene *scene);
-int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *turn);
+int64_t turns_of(const Layout *layout, const Pool *pool, int64_t chosen, double margin, double *angles);
 
 static inline int64_t square_of(const Scene *scene, const double *at)
 {

@@ -337,6 +337,6 @@ void undo_lens(const Camera *camera, Blob *blobs, const int64_t *which, int64_t 
     for (int64_t i = 0; i < count; i++) {
         Blob *blob = blobs + (which ? which[i] : i);
         int fitted = blob->state == FITTED;
-        blob->known = undo_one(camera, fitted ? SAMPLES : FEW_SAMPLES, fitted ? circle : coarse, blob);
+        blob->reached = undo_one(camera, fitted ? SAMPLES : FEW_SAMPLES, fitted ? circle : coarse, blob);
     }
 }

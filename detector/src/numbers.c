@@ -16,7 +16,7 @@ void cross(const double *a, const double *b, double *result)
         result[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
-void turn(const double *w, const double *R, double *result)
+void rotate(const double *w, const double *R, double *result)
 {
     const double square = product(w, w), angle = sqrt(square) + 1e-150, half = sin(angle / 2) / angle;
     const double sine = sin(angle) / angle, versine = 2 * half * half;

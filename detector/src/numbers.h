@@ -9,7 +9,7 @@
 void rotated(const double *R, const double *v, double *result);
 double product(const double *a, const double *b);
 void cross(const double *a, const double *b, double *result);
-void turn(const double *w, const double *R, double *result);
+void rotate(const double *w, const double *R, double *result);
 
 /* T_ac of T_ab and T_bc, with the focal length of the first, and T_ba of T_ab. */
 Pose joined(const Pose *ab, const Pose *bc);

@@ -95,7 +95,7 @@ double descend(const Problem *problem, int steps, double tolerance, Pose *pose, 
         for (int p = 0; p < n; p++)
             A[(n + 1) * p] += A[(n + 1) * p] * damping + RIDGE * most + 1e-300;
         solve_positive(n, A, step, 1, -INFINITY);
-        turn(step, pose->R, tried.R);
+        rotate(step, pose->R, tried.R);
         for (int p = 0; p < 3; p++)
             tried.t[p] += step[3 + p];
         for (int p = POSE; p < n; p++)

@@ -16,7 +16,7 @@ BLOB = np.dtype(
         ("covariance", "f8", 3),
         *((name, "f8") for name in ("light", "dark", "blur", "hole", "other", "doubt", "side")),
         ("state", "i4"),
-        ("known", "i4"),
+        ("reached", "i4"),
         ("at", "f8", 2),
         ("shape", "f8", 3),
         ("spread", "f8", 3),

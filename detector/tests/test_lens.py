@@ -157,7 +157,7 @@ def test_nodes_without_a_ray_leave_the_others_alone(grid):
 def test_a_blob_without_a_lens_is_scaled():
     blob = undone(Lens(), (100.25, 300.5), (9, 4), 0.7)
     axes = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]]) * [9, 4] / FOCAL[:, None]
-    assert blob["known"]
+    assert blob["reached"]
     assert_allclose(blob["at"], ([100.25, 300.5] - CENTER) / FOCAL)
     assert_allclose(blob["shape"], (axes @ axes.T)[[0, 0, 1], [0, 1, 1]])
     assert_allclose(blob["spread"], [0.01 / FOCAL[0] ** 2, 0.002 / FOCAL.prod(), 0.02 / FOCAL[1] ** 2])
@@ -227,7 +227,7 @@ def test_an_outline_is_bent_by_the_lens_to_one_that_is_an_ellipse_without_it(nam
 
 def test_blobs_that_no_ray_reaches_are_left_out():
     lens = Lens(BROWN_CONRADY, (-0.3, 0, 0, 0), reach=1 / np.sqrt(0.9))
-    assert not undone(lens, (CENTER[0] + 0.70 * FOCAL[0], CENTER[1]), (9, 8), 0)["known"]
-    assert not undone(lens, (np.nan, 2), (9, 8), 0)["known"]
-    assert not undone(lens, (20, 20), (9, 0), 0)["known"]
-    assert not undone(lens, (20, 20), (np.nan, np.nan), 0)["known"]
+    assert not undone(lens, (CENTER[0] + 0.70 * FOCAL[0], CENTER[1]), (9, 8), 0)["reached"]
+    assert not undone(lens, (np.nan, 2), (9, 8), 0)["reached"]
+    assert not undone(lens, (20, 20), (9, 0), 0)["reached"]
+    assert not undone(lens, (20, 20), (np.nan, np.nan), 0)["reached"]

@@ -98,7 +98,7 @@ def matched(n):
 def blobs_of(struct, pixels, sigma):
     blobs = np.zeros(len(pixels), BLOB)
     blobs["center"], blobs["covariance"] = pixels, np.broadcast_to(sigma, len(pixels))[:, None] ** 2 * [1, 0, 1]
-    blobs["semi"], blobs["known"] = 5.0, 1
+    blobs["semi"], blobs["reached"] = 5.0, 1
     for i in range(len(blobs)):
         library().undo_lens(ctypes.byref(struct), pointer(blobs[i:]), None, ctypes.c_int64(1))
     return blobs
