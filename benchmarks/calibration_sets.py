@@ -8,7 +8,7 @@ from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
 from markergen.calibration.working_error import sensitivity
-from markergen.maths.rotation import exponential, logarithm, turn_z
+from markergen.maths.rotation import exponential, logarithm, rotation_z
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
@@ -92,7 +92,7 @@ def hand_held(
         for _ in range(_TRIES):
             angle, azimuth = np.deg2rad(rng.uniform(*tilt)), rng.uniform(0, 2 * np.pi)
             lean = exponential(angle * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))
-            rotation = lean @ np.diag([1.0, -1.0, -1.0]) @ turn_z(rng.uniform(0, 2 * np.pi))
+            rotation = lean @ np.diag([1.0, -1.0, -1.0]) @ rotation_z(rng.uniform(0, 2 * np.pi))
             depth = rng.uniform(*distance)
             aside = rng.uniform(-0.3, 0.3, 2) * [camera.width / camera.fx, camera.height / camera.fy]
             translation = depth * np.array([*aside, 1.0])

@@ -23,7 +23,7 @@ from markergen.arrays import Array
 from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import CameraFreedom
 from markergen.calibration.weaknesses import explain, findings, refusal
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 
 Poses = tuple[Array, Array]
 Take = Callable[[np.random.Generator, Array], Poses]
@@ -41,7 +41,7 @@ def good(rng: np.random.Generator, design: Array) -> Poses:
 def frontal(rng: np.random.Generator, _design: Array) -> Poses:
     """The camera looks straight at the marker, from several distances and rolls."""
     depth = rng.uniform(0.6, 1, (PHOTOS, 1))
-    return FRONT @ turn_z(rng.uniform(0, 2 * np.pi, PHOTOS)), depth * [0.0, 0.0, 1.0]
+    return FRONT @ rotation_z(rng.uniform(0, 2 * np.pi, PHOTOS)), depth * [0.0, 0.0, 1.0]
 
 
 def same(rng: np.random.Generator, design: Array) -> Poses:

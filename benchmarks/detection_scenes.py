@@ -15,7 +15,7 @@ import markergen as mg
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.geometry.coverage import paint
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.feature import Feature, key_ring
@@ -104,7 +104,7 @@ def pose(
     while True:
         tilt, (roll, turn) = np.deg2rad(rng.uniform(*tilt_deg)), rng.uniform(0, 2 * np.pi, 2)
         lean = exponential(np.array([np.pi - tilt, 0.0, 0.0]))
-        rotation = np.asarray(turn_z(np.array(roll)) @ lean @ turn_z(np.array(turn)))
+        rotation = np.asarray(rotation_z(np.array(roll)) @ lean @ rotation_z(np.array(turn)))
         ray = camera.from_pixels(rng.uniform(0, [camera.width, camera.height]))
         translation = np.append(ray, 1.0)
         # Tilts are relative to the line of sight only in the image center; elsewhere a few degrees more or less.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 import markergen as mg
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.render import Optics, render_view
 from markergen.validation.print_error import displaced
 
@@ -29,7 +29,7 @@ def main(marker: Path, folder: Path) -> None:
     CAMERA.save(folder / "camera.yaml")
     for k in range(20):
         lean = np.deg2rad(15 + 2 * k) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0])
-        rotation = turn_z(1.6 * k) @ exponential(lean) @ np.diag([1.0, -1.0, -1.0])
+        rotation = rotation_z(1.6 * k) @ exponential(lean) @ np.diag([1.0, -1.0, -1.0])
         image = render_view(printed, CAMERA, rotation, np.array([0.01, 0, 0.6 + 0.02 * k]), Optics(), rng)
         cv2.imwrite(str(photos / f"{k:02}.png"), image)
     found = mg.calibrate(design, photos, CAMERA, save=[folder / "measured.json", folder / "calibration.html"])

@@ -150,10 +150,10 @@ def _exchanged(marker: Marker, rulers: Rulers, force: bool) -> tuple[str, ...]:
             printed.append((x / 1e3, y / 1e3))
     if not force and (rulers.nominal_x is None or rulers.nominal_y is None):
         check_not_exchanged(rulers, printed)
-    turned = exchanged(rulers, printed)
-    if turned is None:
+    swapped = exchanged(rulers, printed)
+    if swapped is None:
         return ()
-    x_words, y_words = map(format_length, turned)
+    x_words, y_words = map(format_length, swapped)
     return (f"On usual paper the rulers are x {x_words} and y {y_words}: see that x and y are not exchanged.",)
 
 

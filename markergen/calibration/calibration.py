@@ -329,9 +329,9 @@ class Calibration(SavableResult):
                     "T_rig_marker": {"rotation": plate.rotation, "translation": plate.translation},
                     "turned_deg": angle,
                     "moved": distance,
-                    "sigma": {"rotation_deg": by_turn, "translation": by_shift},
+                    "sigma": {"rotation_deg": by_rotation, "translation": by_translation},
                 }
-                for plate, angle, distance, by_turn, by_shift in relation.plate_rows()
+                for plate, angle, distance, by_rotation, by_translation in relation.plate_rows()
             ],
         }
 

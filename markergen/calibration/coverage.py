@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.calibration.adjustment import Adjustment
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 
 SIDES = (
     "right edge",
@@ -44,7 +44,7 @@ class PhotoCoverage:
     cells: NDArray[np.intp]
     tilt_deg: Array
     toward_deg: Array
-    turn_deg: Array
+    roll_deg: Array
     fill: Array
 
     @property
@@ -61,7 +61,7 @@ class PhotoCoverage:
     @property
     def quarters(self) -> tuple[int, ...]:
         """Quarters 0 to 3 of a full turn that the camera was turned by, each to the nearest."""
-        return tuple((np.unique(np.round(self.turn_deg / 90).astype(int) % 4)).tolist())
+        return tuple((np.unique(np.round(self.roll_deg / 90).astype(int) % 4)).tolist())
 
     @property
     def sentence(self) -> str:
@@ -86,9 +86,9 @@ def coverage_of(adjustment: Adjustment) -> PhotoCoverage:
     return PhotoCoverage(cells, *view_angles(views.rotation), (extent / size).max(axis=1))
 
 
-def posed(tilt_deg: Array, toward_deg: Array, turn_deg: Array) -> Array:
+def posed(tilt_deg: Array, toward_deg: Array, roll_deg: Array) -> Array:
     """Rotations (k, 3, 3) of T_camera_marker, for the angles (k,) of `view_angles`."""
-    lean, roll = _lean(np.deg2rad(tilt_deg), np.deg2rad(toward_deg)), turn_z(np.deg2rad(turn_deg))
+    lean, roll = _lean(np.deg2rad(tilt_deg), np.deg2rad(toward_deg)), rotation_z(np.deg2rad(roll_deg))
     return np.asarray(lean @ np.diag([1.0, -1.0, -1.0]) @ roll, dtype=float)
 
 

@@ -124,9 +124,9 @@ class RobotPoses(Joints):
     @cached_property
     def share(self) -> Array:
         """Shares (v,) of the photographs in the measurement that those from one pose of the robot are together."""
-        turned = np.linalg.norm(self.flange[0][:, None] - self.flange[0], axis=(-2, -1)) < SAME_RAD
-        moved = np.linalg.norm(self.flange[1][:, None] - self.flange[1], axis=-1) < SAME_M
-        return np.asarray(1 / (turned & moved).sum(axis=1))
+        same_rotation = np.linalg.norm(self.flange[0][:, None] - self.flange[0], axis=(-2, -1)) < SAME_RAD
+        same_place = np.linalg.norm(self.flange[1][:, None] - self.flange[1], axis=-1) < SAME_M
+        return np.asarray(1 / (same_rotation & same_place).sum(axis=1))
 
     def stepped(self, step: Array) -> Self:
         """See `Joints.stepped`; the last is added to log s."""
@@ -159,8 +159,8 @@ class RobotPoses(Joints):
         by_joints[:, :3, 6:9] = by_joints[:, 3:, 9:12] = -flange
         by_joints[:, 3:, 6:9] = -flange @ skew(carried_at)
         by_joints[:, 3:, 12] = translation @ fixed.T
-        turned = logarithm(self.flange[0] @ flange.swapaxes(-1, -2))
-        residual = np.concatenate([turned, self.flange[1] - reach - fixed_at], axis=-1)
+        rotation_error = logarithm(self.flange[0] @ flange.swapaxes(-1, -2))
+        residual = np.concatenate([rotation_error, self.flange[1] - reach - fixed_at], axis=-1)
         weight = self.share[:, None] / np.repeat(self.sigma, 3) ** 2
         precision, off = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
         precision[9:12], off[9:12], precision[12], off[12] = REACH**-2, carried_at, USUAL_SCALE**-2, self.log_scale[0]
@@ -244,11 +244,11 @@ def agreeing(
         (f"{names[i]} and {names[j]} exchanged", np.where(index == i, j, np.where(index == j, i, index)))
         for i, j in combinations(worst, 2)
     ]
-    shifted = [
+    neighbors = [
         (f"photographs that have the pose of the {name}", np.roll(index, k))
         for name, k in (("one before", -1), ("next", 1))
     ]
-    orders += [*shifted, ("the order of the poses reversed", index[::-1])]
+    orders += [*neighbors, ("the order of the poses reversed", index[::-1])]
     costs = [started(views, (flange[0][order], flange[1][order]), on_hand).rows(views).cost for _, order in orders]
     best = int(np.argmin(costs))
     if count > LEAST and costs[best] < CLEARLY * squares.cost:
@@ -259,11 +259,11 @@ def agreeing(
         )
     robot, kept = _without_wrong(views, robot, index)
     residual = robot.rows(views.take(kept)).residual
-    turned, scale = np.rad2deg(np.sqrt(np.mean(np.sum(residual[:, :3] ** 2, axis=1)))), np.exp(robot.log_scale[0])
-    if turned > HOPELESS_DEG:
+    rms_deg, scale = np.rad2deg(np.sqrt(np.mean(np.sum(residual[:, :3] ** 2, axis=1)))), np.exp(robot.log_scale[0])
+    if rms_deg > HOPELESS_DEG:
         raise InputError(
             "robot poses that agree with the photographs",
-            f"rotations {turned:.3g} deg RMS apart",
+            f"rotations {rms_deg:.3g} deg RMS apart",
             "check --robot-rotation, --robot-angle, and which photograph a pose belongs to",
         )
     if not SCALES[0] < scale < SCALES[1]:
@@ -572,7 +572,7 @@ class HandEye(SavableResult):
         (X, Z), sigma = self.names, self.sigma
         rotation, translation = np.rad2deg(self.robot_sigma[0]), 1e3 * self.robot_sigma[1]
         # The usual errors of robots keep an estimate up that is larger than what is left of the poses.
-        turned, moved = (
+        at_most_deg, at_most_mm = (
             "at most " if np.sqrt(np.mean(left**2)) < np.sqrt(3) * estimate else ""
             for left, estimate in zip(self._lengths(self.left_out), (rotation, translation), strict=True)
         )
@@ -582,7 +582,7 @@ class HandEye(SavableResult):
             _pose_sentence(Z, self.marker_pose, sigma[6:12]),
             self._scale_sentence(),
             f"{len(self.photos)} photographs, residuals {adjustment.rms:.3f} px RMS; the robot's poses are off by "
-            f"{moved}{number(translation, 2)} mm and {turned}{number(rotation, 2)} deg along each axis.",
+            f"{at_most_mm}{number(translation, 2)} mm and {at_most_deg}{number(rotation, 2)} deg along each axis.",
             f"A left-out pose is predicted to {self._left_out()}."
             if len(self.photos) > LEAST
             else f"{LEAST} photographs leave none over to check this with: {ADVICE}.",
@@ -662,10 +662,10 @@ def _pose_sentence(name: str, pose: Pose, sigma: Array) -> str:
         return " ".join(format(value, form) for value in values)
 
     # Rounded first, and without the sign of a zero.
-    place, turned = (np.round(values, 3) + 0.0 for values in (1e3 * pose[1], np.rad2deg(logarithm(pose[0]))))
+    place, rotation = (np.round(values, 3) + 0.0 for values in (1e3 * pose[1], np.rad2deg(logarithm(pose[0]))))
     return (
         f"{name}: translation {joined(place, '.3f')} mm +- {joined(1e3 * sigma[3:], '.2g')}, rotation vector "
-        f"{joined(turned, '.3f')} deg +- {joined(np.rad2deg(sigma[:3]), '.2g')}."
+        f"{joined(rotation, '.3f')} deg +- {joined(np.rad2deg(sigma[:3]), '.2g')}."
     )
 
 

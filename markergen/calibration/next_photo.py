@@ -84,7 +84,7 @@ class Candidates(Batched):
     translation: Array
     tilt_deg: Array
     toward_deg: Array
-    turn_deg: Array
+    roll_deg: Array
     fill: Array
     place: Array
 
@@ -177,8 +177,8 @@ class NextPhotos:
             ahead = np.round(np.array([np.cos(toward), np.sin(toward)]))
             for text, side in (("farther", ahead), ("nearer", -ahead)):
                 at = (size - 1) / 2 + side * (0.5 * size + 0.04 * size[1])
-                turned = 90 if abs(side[0]) > 0 else 0
-                ax.annotate(text, at, ha="center", va="center", rotation=turned, fontsize=8, color=MUTED)
+                text_angle = 90 if abs(side[0]) > 0 else 0
+                ax.annotate(text, at, ha="center", va="center", rotation=text_angle, fontsize=8, color=MUTED)
         ax.add_patch(Rectangle((-0.5, -0.5), *size, fill=False, edgecolor=INK, linewidth=1, zorder=4))
         low, high = -0.1 * size[1], size + 0.1 * size[1]
         ax.set(xlim=(low, high[0]), ylim=(high[1], low), aspect="equal")
@@ -426,7 +426,7 @@ def _photo(
 ) -> NextPhoto:
     """Return a candidate with its request."""
     candidate = candidates.take(np.array([best]))
-    tilt, toward, roll = (float(angle[0]) for angle in (candidate.tilt_deg, candidate.toward_deg, candidate.turn_deg))
+    tilt, toward, roll = (float(angle[0]) for angle in (candidate.tilt_deg, candidate.toward_deg, candidate.roll_deg))
     pixels = camera.project(points, candidate.rotation, candidate.translation)[0]
     top = names[int(np.argmin(pixels[:, 1]))]
     parts = ["hold the camera square to the marker"]

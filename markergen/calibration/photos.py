@@ -199,7 +199,7 @@ def find_dots(
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
     showing = {dots.photo for dots in seen}
-    seen, doubts = _told_apart(markers, seen, camera, sources)
+    seen, doubts = _distinguished(markers, seen, camera, sources)
     if not is_given and seen:
         camera = _adjusted(markers, seen, camera)[0]
     views, kept = _views(markers, seen, camera)
@@ -355,7 +355,7 @@ def _bent(markers: Sequence[Marker], sources: Sequence[Any], camera: Camera, rea
     return because
 
 
-def _told_apart(
+def _distinguished(
     markers: Sequence[Marker], seen: list[Labeled], camera: Camera, sources: Sequence[Any]
 ) -> tuple[list[Labeled], tuple[str, ...]]:
     """Labels of symmetric layouts, distinguished by all photographs together; and what remains in doubt."""
@@ -385,8 +385,8 @@ def _told_apart(
             continue
         settled = settle_labels(options, points, radii, camera)
         if all(seen[k].open for k in kept):
-            settled, told_by_sizes = turned_to_design(settled, group, points, radii, camera)
-            if not told_by_sizes:
+            settled, by_sizes = aligned_to_design(settled, group, points, radii, camera)
+            if not by_sizes:
                 doubts.append(
                     "The layout looks the same when turned: the labels of all photographs are those nearest the "
                     "design, and may all be turned together"
@@ -511,8 +511,8 @@ class Relabeling:
         """Return the pose with which the moved layout looks as the layout does with the given pose."""
         flip = np.eye(3)
         flip[:2, :2] = self.rotation
-        turned = rotation @ flip.T
-        return turned, translation - turned @ np.append(self.translation, 0.0)
+        flipped = rotation @ flip.T
+        return flipped, translation - flipped @ np.append(self.translation, 0.0)
 
 
 def relabelings(points: Array, rings: NDArray[np.bool_]) -> list[Relabeling]:
@@ -686,14 +686,14 @@ def _joined(before: Settled, k: int, c: int, options: Sequence[Sequence[Labeled]
     return Settled(chosen, factor, adjusted.degrees_of_freedom, places, dict(zip(photos, moved, strict=True)))
 
 
-def turned_to_design(
+def aligned_to_design(
     settled: Settled, group: Sequence[Relabeling], points: Array, radii: Array, camera: Camera
 ) -> tuple[Settled, bool]:
     """Turn all labels together, so that the design fits best, and tell whether the dots' sizes settle it.
 
     Otherwise what is left is the print's own symmetry.
     """
-    turned = [
+    labelings = [
         tuple(
             replace(guess, index=guesses.image[guess.index], pose=guesses.pose(*labeled_pose(guess)))
             for guess in settled.guesses
@@ -701,7 +701,9 @@ def turned_to_design(
         for guesses in group
         if (guesses.image >= 0).all()
     ]
-    likely = _of_right_sizes(turned, [sum(guess.misfit_of_sizes(radii) for guess in guesses) for guesses in turned])
+    likely = _of_right_sizes(
+        labelings, [sum(guess.misfit_of_sizes(radii) for guess in guesses) for guesses in labelings]
+    )
     best = min(likely, key=lambda guesses: _misfit(guesses, points, radii, camera))
     return replace(settled, guesses=best), len(likely) == 1
 

@@ -83,8 +83,8 @@ class Relation:
     def camera_rows(self) -> list[tuple[str, float, Array, float, float]]:
         """Name of each camera but the first, its turn in degrees, its translation in m, and their sigmas."""
         (rotation, translation), sigmas = self.cameras, zip(*_sigmas(self.camera_covariance), strict=True)
-        turned = np.rad2deg(angle_between(rotation, np.eye(3)))
-        rows = zip(self.names, turned.tolist(), translation, sigmas, strict=True)
+        angles = np.rad2deg(angle_between(rotation, np.eye(3)))
+        rows = zip(self.names, angles.tolist(), translation, sigmas, strict=True)
         return [(name, angle, away, *map(float, sigma)) for name, angle, away, sigma in rows][1:]
 
     @property
@@ -98,9 +98,9 @@ class Relation:
                 f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} moments."
             )
         if self.rig is not None:
-            turned, moved, *sigma = (np.sqrt(np.mean(np.square(v))) for v in (self.turned_deg, self.moved, *self.sigma))
+            angle, moved, *sigma = (np.sqrt(np.mean(np.square(v))) for v in (self.turned_deg, self.moved, *self.sigma))
             listed.append(
-                f"The markers are {turned:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them, known to "
+                f"The markers are {angle:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them, known to "
                 f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} photographs that show two or "
                 "more."
             )
@@ -153,8 +153,8 @@ def relate(
         plates = _linked(seen, moment * len(names) + views.camera, marker, first, [p.name for p in body.plates])
         network = replace(network, loose=(print_sigma, print_sigma))
     same = np.unique(np.stack([moment, marker]), axis=1, return_inverse=True)[1].ravel()
-    turned_back = _linked(inverse_pose(seen), same, views.camera, (np.eye(3), np.zeros(3)), names, photos)
-    poses = [np.concatenate(pair) for pair in zip(plates, inverse_pose(turned_back), strict=True)]
+    cameras = _linked(inverse_pose(seen), same, views.camera, (np.eye(3), np.zeros(3)), names, photos)
+    poses = [np.concatenate(pair) for pair in zip(plates, inverse_pose(cameras), strict=True)]
     held = np.isin(np.arange(len(poses[0])), [0, len(plates[0])])
     placed = np.unique(placed, return_inverse=True)[1]
     rigid = RigidPoses(poses[0], poses[1], placed, plate, len(plates[0]) + views.camera, held)
@@ -177,8 +177,8 @@ def relate(
         ],
         spread,
     )
-    turned = np.rad2deg(angle_between(rotations, designed[0]))
-    return replace(relation, rig=rig, turned_deg=turned, moved=np.linalg.norm(translations - designed[1], axis=-1))
+    angles = np.rad2deg(angle_between(rotations, designed[0]))
+    return replace(relation, rig=rig, turned_deg=angles, moved=np.linalg.norm(translations - designed[1], axis=-1))
 
 
 def _sigmas(covariance: Array) -> tuple[Array, Array]:

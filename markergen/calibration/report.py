@@ -279,8 +279,8 @@ def _relation_section(quantities: Quantities) -> Section | None:
                 "Poses of the cameras",
                 ["camera", "turned, deg", "x, mm", "y, mm", "z, mm", "sigma, deg", "sigma, mm"],
                 [
-                    [name, *map(number, (angle, *(1e3 * away), by_turn, 1e3 * by_shift))]
-                    for name, angle, away, by_turn, by_shift in relation.camera_rows()
+                    [name, *map(number, (angle, *(1e3 * away), by_rotation, 1e3 * by_translation))]
+                    for name, angle, away, by_rotation, by_translation in relation.camera_rows()
                 ],
                 f"T_camera_{relation.names[0]}, with what is unknown of the print's scale; JSON has the covariance.",
             )
@@ -288,8 +288,8 @@ def _relation_section(quantities: Quantities) -> Section | None:
     if relation.rig is None:
         return section
     rows = [
-        [plate.name, *map(number, (angle, 1e3 * distance, by_turn, 1e3 * by_shift))]
-        for plate, angle, distance, by_turn, by_shift in relation.plate_rows()
+        [plate.name, *map(number, (angle, 1e3 * distance, by_rotation, 1e3 * by_translation))]
+        for plate, angle, distance, by_rotation, by_translation in relation.plate_rows()
     ]
     section.tables.append(
         Table(
@@ -704,8 +704,8 @@ def draw_print_map(
             )  # fmt: skip
     values, vectors = np.linalg.eigh(covariance[:, :2, :2])
     axes = 4e-3 * factor * np.sqrt(np.maximum(values, 0.0))
-    turned = np.rad2deg(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
-    regions = {"widths": axes[:, 0], "heights": axes[:, 1], "angles": turned, "offsets": ends}
+    angles = np.rad2deg(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
+    regions = {"widths": axes[:, 0], "heights": axes[:, 1], "angles": angles, "offsets": ends}
     ax.add_collection(EllipseCollection(**regions, facecolors=(1, 1, 1, 0.6), zorder=3, **look))
     steps = ends - points
     ax.quiver(

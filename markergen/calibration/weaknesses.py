@@ -229,8 +229,8 @@ def bounded_covariance(adjustment: Adjustment, dot: float = FREE_M, pixels: floa
     scaled[:size, :size] += weight * gauge @ gauge.T
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     inverse = np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
-    turned = moved @ np.linalg.inv(gauge.T @ moved)
-    inverse[:size, :size] -= turned @ turned.T / weight
+    projected = moved @ np.linalg.inv(gauge.T @ moved)
+    inverse[:size, :size] -= projected @ projected.T / weight
     return inverse * loose * loose[:, None]
 
 

@@ -18,7 +18,7 @@ from markergen.comparison.tuning import BUDGET, POSE, ROTATION, tune
 from markergen.errors import InputError
 from markergen.maths.information import apply_pose_step
 from markergen.maths.projection import perspective, to_camera
-from markergen.maths.rotation import logarithm, turn_z
+from markergen.maths.rotation import logarithm, rotation_z
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.options import Progress
@@ -123,7 +123,7 @@ class Series:
         """Compare what was found with the true pose, or, of poses that look the same, with the nearest."""
         if sighting.rotation is None or sighting.translation is None:
             return Observation(reason=sighting.reason)
-        symmetries = [turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns)]
+        symmetries = [rotation_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns)]
         errors = []
         for symmetry in symmetries:
             seen = to_camera(contestant.points[sighting.ids] @ symmetry.T, rotation[None], translation[None])

@@ -19,7 +19,7 @@ from markergen.detect.results import Found
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.estimators.weighted_pose import DEFAULT_ERRORS, PoseEstimate, estimate_pose
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.model.body import Body
 from markergen.model.body_json import load_marker_or_rig
 from markergen.model.camera import Camera, typical_camera
@@ -248,7 +248,7 @@ class Detector:
         before = () if near is None else [self._before(one) for one in as_list(near)]
         findings = self._engine(grey, near=() if whole else before, deadline=deadline)
         if self._symmetric:
-            findings = [_turned_as_before(finding, before, self._markers[finding.body]) for finding in findings]
+            findings = [_labeled_as_before(finding, before, self._markers[finding.body]) for finding in findings]
         return [Found(finding, self._markers, self._names, self._camera, self._print_sigma) for finding in findings]
 
     def dots(self, frame: FrameLike) -> Array:
@@ -271,12 +271,12 @@ class Detector:
         pixels = read_image(Path(frame)).grey if isinstance(frame, str | os.PathLike) else check_frame(frame)
         height, width = pixels.shape[:2]
         if self._camera is not None and (width, height) != (self._camera.width, self._camera.height):
-            turned = (height, width) == (self._camera.width, self._camera.height)
+            is_sideways = (height, width) == (self._camera.width, self._camera.height)
             raise InputError(
                 f"an image of the camera's {self._camera.width}x{self._camera.height} px",
                 f"{width}x{height} px",
                 "give the file's path, which is read as the sensor took it: cv2.imread rotates by EXIF orientation"
-                if turned
+                if is_sideways
                 else "give the calibration for this size: cropped or scaled images have another",
             )
         return pixels
@@ -308,14 +308,14 @@ def _marker(source: Any, name: str) -> tuple[Target, str]:
     return load_marker_or_rig(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
 
 
-def _turned_as_before(finding: engine.Finding, before: Iterable[engine.Finding], target: Target) -> engine.Finding:
+def _labeled_as_before(finding: engine.Finding, before: Iterable[engine.Finding], target: Target) -> engine.Finding:
     """Return a marker whose layout repeats with those labels by which it is turned least since the frame before."""
     earlier = [past.placed["R"].reshape(3, 3) for past in before if past.body == finding.body and past.ok]
     if not (finding.ok and len(finding.turns) and earlier and isinstance(target, Marker)):
         return finding
     rotation = finding.placed["R"].reshape(3, 3)
-    symmetries = [np.eye(3), *turn_z(finding.turns)]
-    symmetry = max(symmetries, key=lambda turned: max(np.trace(past.T @ rotation @ turned) for past in earlier))
+    symmetries = [np.eye(3), *rotation_z(finding.turns)]
+    symmetry = max(symmetries, key=lambda candidate: max(np.trace(past.T @ rotation @ candidate) for past in earlier))
     # Dot i is at Q (X - c) + c, with X the place of dot k, as which it is seen when turned.
     row, xyz, center = {number: i for i, number in enumerate(target.ids.tolist())}, target.xyz, target.xyz.mean(axis=0)
     seen = [row[number] for number in finding.ids.tolist()]

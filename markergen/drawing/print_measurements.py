@@ -27,7 +27,7 @@ from markergen.drawing.scene import (
     bounds,
     ink_points,
     moved,
-    turned,
+    rotated,
 )
 from markergen.drawing.text import text, written
 from markergen.model.marker import ControlPoint, Marker
@@ -94,7 +94,7 @@ def ruler(
             texts.append(text(number, x - 0.7 * scale, y + offset, height, "right", name=f"{name}-number-{mm}"))
         else:
             upright = text(number, x - 0.7 * scale, y, height, "right", name=f"{name}-number-{mm}")
-            texts.append(moved(turned(upright, x, y), offset + height, 0.0))
+            texts.append(moved(rotated(upright, x, y), offset + height, 0.0))
     return marks, texts
 
 

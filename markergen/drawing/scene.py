@@ -207,7 +207,7 @@ def moved(shape: Shape, dx: float, dy: float) -> Shape:
     return mapped(shape, lambda x, y: (x + dx, y + dy))
 
 
-def turned(outline: FilledPath, x: float, y: float) -> FilledPath:
+def rotated(outline: FilledPath, x: float, y: float) -> FilledPath:
     """Path rotated a quarter turn counterclockwise about (x, y)."""
     return mapped_path(outline, lambda px, py: (x - (py - y), y + (px - x)))
 

@@ -203,7 +203,7 @@ class Tiling:
         box = tile.box
         return box[0] - half * left, box[1] - half * below, box[2] + half * right, box[3] + half * above
 
-    def shift(self, tile: Tile) -> Point:
+    def offset(self, tile: Tile) -> Point:
         """Shift from the marker frame to the tile's page, which centers the tile in the window or moves it to one side.
 
         With a seam on only one side, that seam is as far inside the window as possible, so that the margin beyond it
@@ -450,7 +450,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
 
 def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple[int, int]) -> Sheet:
     paper = tiles.frame.paper
-    dx, dy = tiles.shift(tile)
+    dx, dy = tiles.offset(tile)
     placed = moved_layers(_part(tiles, tile, layers), dx, dy)
     box = tile.box[0] + dx, tile.box[1] + dy, tile.box[2] + dx, tile.box[3] + dy
     drawn = {**placed, "marks": (*placed["marks"], *_crop_marks(tiles, box, tile.seams))}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen.arrays import Array
 from markergen.errors import InputError
 from markergen.maths.projection import from_pixels, perspective, rotate, rotate_each, to_pixels
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.camera import NO_DISTORTION, Camera
 
 E = TypeVar("E")
@@ -229,7 +229,7 @@ def opencv_arguments(batch: Correspondences) -> tuple[Array, Array, Array]:
     """
     images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
     away = batch.xyz @ AWAY
-    rotations = turn_z(_procrustes_angle(away[..., :2], images))
+    rotations = rotation_z(_procrustes_angle(away[..., :2], images))
     return np.ascontiguousarray(away @ rotations.swapaxes(-1, -2)), np.ascontiguousarray(images), rotations @ AWAY
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from markergen.arrays import Array, Mask
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import rotated
-from markergen.maths.information import apply_pose_step, turned_jacobian
+from markergen.maths.information import apply_pose_step, rotated_jacobian
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
 from markergen.model.camera import Camera
@@ -95,7 +95,7 @@ class Reprojection(LeastSquares):
         """See `LeastSquares.jacobian`."""
         del results
         rotation, translation = unknowns
-        return self._distorted(turned_jacobian(rotated(self.object_points, rotation), translation, self.camera.focal))
+        return self._distorted(rotated_jacobian(rotated(self.object_points, rotation), translation, self.camera.focal))
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""

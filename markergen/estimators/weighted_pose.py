@@ -197,8 +197,8 @@ def _estimated(
         if other[2][0] - fitted[2][0] < 2 * SEARCHED * max(1.0, fitted[2][0] / (2 * len(points) - 6)):
             other = refined(*other[:2])
         order = [1, 0] if other[2][0] < fitted[2][0] else [0, 1]
-        turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(fitted, other, strict=True))
-        fitted = turned, moved, chi2
+        rotations, translations, chi2 = (np.concatenate(pair)[order] for pair in zip(fitted, other, strict=True))
+        fitted = rotations, translations, chi2
     best_rotation, best_translation = fitted[0][:1], fitted[1][:1]
     rows = pose_rows(points, best_rotation, best_translation)
     printed = print_covariance(rows, points, best_rotation, errors)

@@ -254,7 +254,7 @@ def backward(contour: Contour) -> Contour:
     return Contour(contour.points[::-1], bulges, contour.about)
 
 
-def turned_over(contour: Contour) -> Contour:
+def reversed_contour(contour: Contour) -> Contour:
     """Reversed contour, starting at the same corner."""
     points, bulges = contour.points, contour.bulges
     return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]), contour.about)

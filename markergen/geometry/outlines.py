@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
+from markergen.geometry.contour import Contour, area, box, inner_polygon, reversed_contour
 from markergen.geometry.region import shapely, signed_area
 from markergen.units import format_length
 
@@ -54,11 +54,11 @@ def canonical_polygons(outlines: Sequence[Sequence[Sequence[float]] | Array]) ->
     rings = [_corners(outline, f"outline {i + 1}") for i, outline in enumerate(outlines)]
     _check_corners(sum(map(len, rings)))
     inside = _nesting(rings)
-    turned = [
+    directed = [
         ring if (signed_area(ring) > 0) == (depth % 2 == 0) else np.concatenate([ring[:1], ring[:0:-1]])
         for ring, depth in zip(rings, inside, strict=True)
     ]
-    return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in turned)
+    return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in directed)
 
 
 def canonical_contours(
@@ -83,9 +83,9 @@ def canonical_contours(
         raise InputError("bulges for each outline", f"{len(bulges)} for {len(outlines)}", "give 0 for straight sides")
     every = enumerate(zip(outlines, bulges, strict=True), 1)
     clean = [_contour(outline, row, f"outline {i}") for i, (outline, row) in every]
-    clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
+    clean = [contour if area(contour) > 0 else reversed_contour(contour) for contour in clean]
     outer = [signed_area(np.array(ring)) > 0 for ring in canonical_polygons(polygons_of(clean))]
-    contours = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
+    contours = tuple(c if is_outer else reversed_contour(c) for c, is_outer in zip(clean, outer, strict=True))
     # Reversed to holes they have other polygons.
     canonical_polygons(polygons_of(contours))
     return contours

@@ -246,8 +246,8 @@ class Region:
         best, half = 0.0, np.array([width, height]) / 2
         for angle in np.arange(0, np.pi, np.pi / 24):
             rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            turned = self.mapped(lambda points, rotation=rotation: points @ rotation)  # type: ignore[misc]
-            low, high = np.array(turned.box).reshape(2, 2)
+            rotated = self.mapped(lambda points, rotation=rotation: points @ rotation)  # type: ignore[misc]
+            low, high = np.array(rotated.box).reshape(2, 2)
             middle, reach, most = (low + high) / 2, (high - low) / 2, float(((high - low) / (2 * half)).min())
             for _ in range(4):
                 steps = np.linspace(-1, 1, _CENTERS)
@@ -256,7 +256,7 @@ class Region:
                 for _ in range(12):
                     tried = (fits + fails) / 2
                     corners = tried[:, None] * half
-                    inside = turned.surrounds_boxes(np.concatenate([centers - corners, centers + corners], axis=-1))
+                    inside = rotated.surrounds_boxes(np.concatenate([centers - corners, centers + corners], axis=-1))
                     fits, fails = np.where(inside, tried, fits), np.where(inside, fails, tried)
                 middle, reach = centers[fits.argmax()], reach * 2 / (_CENTERS - 1)
                 best = max(best, float(fits.max()))

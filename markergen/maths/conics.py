@@ -122,10 +122,10 @@ def pose_rows(points: Array, rotation: Array, translation: Array) -> Array:
 
     See `maths.information`.
     """
-    turned = points @ rotation.swapaxes(-1, -2)
-    scale = 1 / (turned[..., 2] + translation[:, None, 2])
-    x, y = (scale * (turned[..., i] + translation[:, None, i]) for i in (0, 1))
-    a, b, c = (scale * turned[..., i] for i in range(3))
+    rotated = points @ rotation.swapaxes(-1, -2)
+    scale = 1 / (rotated[..., 2] + translation[:, None, 2])
+    x, y = (scale * (rotated[..., i] + translation[:, None, i]) for i in (0, 1))
+    a, b, c = (scale * rotated[..., i] for i in range(3))
     rows = np.zeros((*x.shape, 2, 6))
     # A row g of d x / d X_camera, here (1, 0, -x)/z and (0, 1, -y)/z, gives (R X) x g for w.
     rows[..., 0, 0], rows[..., 0, 1], rows[..., 0, 2] = -x * b, c + x * a, -b
@@ -194,7 +194,7 @@ _GENERATORS = np.array(
 """skew(w) = w @ _GENERATORS, as rows of nine."""
 
 
-def _turn(vectors: Array) -> Array:
+def _rotation(vectors: Array) -> Array:
     """Compute `maths.rotation.exponential` for a few vectors (k, 3), in a quarter of the time."""
     cross = (vectors @ _GENERATORS).reshape(-1, 3, 3)
     angle = np.sqrt(np.sum(vectors**2, axis=-1))[:, None, None] + 1e-150
@@ -250,7 +250,7 @@ class EllipseCenters(LeastSquares):
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
-        return _turn(step[:, :3]) @ unknowns[0], unknowns[1] + step[:, 3:]
+        return _rotation(step[:, :3]) @ unknowns[0], unknowns[1] + step[:, 3:]
 
     def converged(self, attempt: Attempt) -> Mask:
         """See `LeastSquares.converged`."""

@@ -28,21 +28,21 @@ def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Arr
     rotation, translation : arrays (P, 3, 3) and (P, 3)
     focal : array (2,), px
     """
-    return turned_jacobian(rotate(points, rotation), translation, focal)
+    return rotated_jacobian(rotate(points, rotation), translation, focal)
 
 
-def turned_jacobian(turned: Array, translation: Array, focal: Array) -> Array:
+def rotated_jacobian(rotated: Array, translation: Array, focal: Array) -> Array:
     """`pose_jacobian` (..., P, 2n, 6) from rotated points R X (..., P, n, 3) in m."""
     # By component: np.cross, and products along a last axis of 3, take three to ten times as long.
-    (x, y, z), u, v, p, q = _projected(turned, translation, focal)
-    jacobian = np.empty((*turned.shape[:-1], 2, 6))
+    (x, y, z), u, v, p, q = _projected(rotated, translation, focal)
+    jacobian = np.empty((*rotated.shape[:-1], 2, 6))
     # A row g of d x / d X_camera, (u, 0, p) or (0, v, q), multiplies dX = w x (R X) + dt; its part for w is (R X) x g.
     across, along = jacobian[..., 0, :], jacobian[..., 1, :]
     across[..., 0], across[..., 1], across[..., 2] = y * p, z * u - x * p, -y * u
     across[..., 3], across[..., 4], across[..., 5] = u, 0.0, p
     along[..., 0], along[..., 1], along[..., 2] = y * q - z * v, -x * q, x * v
     along[..., 3], along[..., 4], along[..., 5] = 0.0, v, q
-    return jacobian.reshape(*turned.shape[:-2], -1, 6)
+    return jacobian.reshape(*rotated.shape[:-2], -1, 6)
 
 
 def homography_jacobian(points: Array, rotation: Array, translation: Array, focal: Array, radius: float) -> Array:
@@ -88,9 +88,9 @@ def moved_information(matrix: Array, offset: Array) -> Array:
 
 def displacement_weight(rim: Array, rotation: Array) -> Array:
     """W (P, 6, 6), m^2: trace(W C) is the expected squared 3-D displacement of rim points (m, 2) or (m, 3)."""
-    turned = rotate(rim, rotation)
-    second = turned.swapaxes(-1, -2) @ turned / rim.shape[-2]
-    mean = turned.mean(axis=-2)
+    rotated = rotate(rim, rotation)
+    second = rotated.swapaxes(-1, -2) @ rotated / rim.shape[-2]
+    mean = rotated.mean(axis=-2)
     weight = np.zeros((len(rotation), 6, 6))
     weight[:, :3, :3] = np.trace(second, axis1=-2, axis2=-1)[:, None, None] * np.eye(3) - second
     # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim centered on the origin.
@@ -106,13 +106,13 @@ def pose_jacobian_pullback(cotangent: Array, points: Array, rotation: Array, tra
     Closed form from the second derivatives of the projection. A cotangent row (c, d) of an image coordinate with the
     gradient g contributes g.w, w = c x (R X) + d, whose derivative is dg.w + dX.(g x c).
     """
-    turned = rotate(points, rotation)
-    (x, y, z), u, v, p, q = _projected(turned, translation, focal)
-    rows = np.moveaxis(cotangent.reshape(*turned.shape[:-1], 2, 6), (-2, -1), (0, 1))
+    rotated = rotate(points, rotation)
+    (x, y, z), u, v, p, q = _projected(rotated, translation, focal)
+    rows = np.moveaxis(cotangent.reshape(*rotated.shape[:-1], 2, 6), (-2, -1), (0, 1))
     (c0, c1, c2, d0, _, d2), (e0, e1, e2, _, f1, f2) = np.ascontiguousarray(rows)
     depth = z + translation[:, None, 2]
     across, along = (c0 * y - c1 * x + d2) / depth, (e0 * y - e1 * x + f2) / depth
-    gradient = np.empty_like(turned)
+    gradient = np.empty_like(rotated)
     gradient[..., 0] = v * e2 - p * c1 - q * e1 - u * across
     gradient[..., 1] = p * c0 - u * c2 + q * e0 - v * along
     toward = u * (c1 - (c1 * z - c2 * y + d0) / depth) - v * (e0 + (e2 * x - e0 * z + f1) / depth)
@@ -156,10 +156,10 @@ def mirrored_rotation(rotation: Array, translation: Array) -> Array:
     normal = rotation[..., :, 2]
     # Reflection about the line of sight l is the half turn 2 l l' - I; n -> -n as well leaves it facing away again.
     mirror = 2 * np.sum(sight * normal, axis=-1, keepdims=True) * sight - normal
-    return smallest_turn(normal, mirror) @ rotation
+    return smallest_rotation(normal, mirror) @ rotation
 
 
-def smallest_turn(source: Array, target: Array) -> Array:
+def smallest_rotation(source: Array, target: Array) -> Array:
     """Rotation (..., 3, 3) by the smallest angle from unit vectors source (..., 3) to target (..., 3).
 
     Opposite vectors have no unique smallest rotation; the result is then not a rotation.
@@ -177,11 +177,11 @@ def flip_separation(rotation: Array, translation: Array, pose_covariance: Array)
     return separation / rotation_bound(pose_covariance)
 
 
-def _projected(turned: Array, translation: Array, focal: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _projected(rotated: Array, translation: Array, focal: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Rotated points (3, ..., P, n), and entries (..., P, n) of the rows (u, 0, p), (0, v, q) of `_image_rows`."""
-    x, y, depth = np.moveaxis(turned + translation[:, None], -1, 0)
+    x, y, depth = np.moveaxis(rotated + translation[:, None], -1, 0)
     u, v = focal[0] / depth, focal[1] / depth
-    return np.moveaxis(turned, -1, 0), u, v, -u * x / depth, -v * y / depth
+    return np.moveaxis(rotated, -1, 0), u, v, -u * x / depth, -v * y / depth
 
 
 def _image_rows(camera_points: Array, focal: Array) -> Array:

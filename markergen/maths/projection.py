@@ -14,8 +14,8 @@ def rotate(points: Array, rotation: Array) -> Array:
     dimension = points.shape[-1]
     # One matrix product for all layouts and poses; the loop over small products costs three times as much.
     columns = rotation[:, :, :dimension].transpose(2, 0, 1).reshape(dimension, -1)
-    turned = points.reshape(-1, dimension) @ columns
-    return turned.reshape(*points.shape[:-1], len(rotation), 3).swapaxes(-3, -2)
+    rotated = points.reshape(-1, dimension) @ columns
+    return rotated.reshape(*points.shape[:-1], len(rotation), 3).swapaxes(-3, -2)
 
 
 def rotate_each(points: Array, rotation: Array) -> Array:

@@ -69,7 +69,7 @@ def pose_product(first: tuple[Array, Array], second: tuple[Array, Array]) -> tup
     return first[0] @ second[0], np.einsum("...ij,...j->...i", first[0], second[1]) + first[1]
 
 
-def turn_z(angles: Array | float) -> Array:
+def rotation_z(angles: Array | float) -> Array:
     """Rotation matrices (..., 3, 3) about the z axis by angles (...) in rad."""
     angle = np.asarray(angles, dtype=float)
     return exponential(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=-1))

@@ -85,8 +85,8 @@ def _covariances(plate: Plate, sigma: float) -> Array:
         covariances[:, 2, :] = covariances[:, :, 2] = 0.0
         # Heights are not measured: those of a relief are as printed.
         covariances[:, 2, 2] = sigma**2 if marker.xyz[:, 2].any() else 0.0
-    turned: Array = rotation @ covariances @ rotation.T
-    return turned
+    rotated: Array = rotation @ covariances @ rotation.T
+    return rotated
 
 
 def _code(ink: Mask) -> int:

@@ -14,7 +14,7 @@ from markergen.arrays import Array
 from markergen.errors import InputError, among, brief
 from markergen.geometry.region import hull
 from markergen.maths.projection import perspective, to_camera
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.registry import Registry, door
@@ -271,7 +271,7 @@ def paper() -> PoseDistribution:
 def paper_roll() -> PoseDistribution:
     """Return the poses of `paper`, each with a random roll about the optical axis, uniform and always the same."""
     plain = paper()
-    roll = turn_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
+    roll = rotation_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
     return PoseDistribution("paper-roll", roll @ plain.rotation, plain.translation)
 
 

@@ -115,9 +115,9 @@ def exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> tuple
 
 def check_not_exchanged(rulers: Rulers, printed: Collection[tuple[float, float]]) -> None:
     """Refuse lengths that are `exchanged`; raises InputError."""
-    turned = exchanged(rulers, printed)
-    if turned is not None and rulers.x is not None and rulers.y is not None:
-        (x, y), (u, v) = (map(format_length, lengths) for lengths in (turned, (rulers.x, rulers.y)))
+    swapped = exchanged(rulers, printed)
+    if swapped is not None and rulers.x is not None and rulers.y is not None:
+        (x, y), (u, v) = (map(format_length, lengths) for lengths in (swapped, (rulers.x, rulers.y)))
         raise InputError(
             f"rulers as on the sheet, x {x} and y {y}",
             f"x {u} and y {v}",
@@ -242,8 +242,8 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     # The tolerance on scale, at the outermost dot: a share of its distance from the middle.
     allowed = min(MOST_OFF * reach, here[dots[worst].id].feature.diameter / 2 or np.inf)
     if off[worst] >= allowed and not force:
-        turned, there = rigid_motion(measured, expected, mirror=True)
-        mirrored = np.linalg.norm(measured @ turned.T + there - expected, axis=-1).max()
+        reflection, there = rigid_motion(measured, expected, mirror=True)
+        mirrored = np.linalg.norm(measured @ reflection.T + there - expected, axis=-1).max()
         remedy = (
             "they are mirrored: x is right and y is up on the print"
             if mirrored < allowed
@@ -251,7 +251,7 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
         )
         actual = f"dot {dots[worst].id} {_short(float(off[worst]))} from its place"
         raise InputError(f"measured dots within {_short(float(allowed))} of the design", actual, remedy)
-    places = {dot.id: (place, _turned(dot, rotation)) for dot, place in zip(dots, moved.tolist(), strict=True)}
+    places = {dot.id: (place, _rotated(dot, rotation)) for dot, place in zip(dots, moved.tolist(), strict=True)}
     points = tuple(
         _placed(point, marker, *places[point.id]) if point.id in places else point for point in here.values()
     )
@@ -408,12 +408,12 @@ def _placed(
     return replace(point, x=round(place[0], 12), y=round(place[1], 12), covariance=covariance, designed=designed)
 
 
-def _turned(dot: MeasuredDot, rotation: Array) -> tuple[float, float, float] | None:
+def _rotated(dot: MeasuredDot, rotation: Array) -> tuple[float, float, float] | None:
     if dot.covariance is None:
         return None
     xx, xy, yy = dot.covariance
-    turned = rotation @ np.array([[xx, xy], [xy, yy]]) @ rotation.T
-    return float(turned[0, 0]), float(turned[0, 1]), float(turned[1, 1])
+    rotated = rotation @ np.array([[xx, xy], [xy, yy]]) @ rotation.T
+    return float(rotated[0, 0]), float(rotated[0, 1]), float(rotated[1, 1])
 
 
 def _fit_sentences(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Array) -> list[str]:

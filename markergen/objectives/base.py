@@ -344,8 +344,8 @@ class TraceObjective(Objective):
                     everywhere[rows] += part
                     lost[rows[:, None], :, loss] += part[:, None]
             sensitivity = everywhere[:, :, None] - lost
-            turned = (in_pairs(jacobian) @ sensitivity).reshape(jacobian.shape)
-            return to_points(through_weights(turned)).sum(axis=1)
+            cotangent = (in_pairs(jacobian) @ sensitivity).reshape(jacobian.shape)
+            return to_points(through_weights(cotangent)).sum(axis=1)
 
         return values, pullback
 
@@ -389,18 +389,20 @@ class TraceObjective(Objective):
         """M (B, P, k, k), and the pullback of half of <S, dM>, given J S, to a cotangent of J."""
         sight = self.setting.sight
         if self._dots is None and sight is None:
-            return information(jacobian), lambda turned: turned
+            return information(jacobian), lambda cotangent: cotangent
         weighed, pullback = self._weighed(jacobian)
         matrix = jacobian.swapaxes(-1, -2) @ weighed
         return matrix + sight.known if sight else matrix, pullback
 
     def _weighed(self, jacobian: Array) -> tuple[Array, Pullback]:
         """F J, and the pullback of `_information`; S may differ between dots."""
-        weighed, pullback = self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
+        weighed, pullback = self._dots(jacobian) if self._dots else (jacobian, lambda cotangent: cotangent)
         if not self.setting.sight:
             return weighed, pullback
         rows = np.repeat(self.setting.sight.seen, 2, axis=-1)[..., None]
-        return np.where(rows, weighed, 0.0), lambda turned: np.where(rows, pullback(np.where(rows, turned, 0.0)), 0.0)
+        return np.where(rows, weighed, 0.0), lambda cotangent: np.where(
+            rows, pullback(np.where(rows, cotangent, 0.0)), 0.0
+        )
 
 
 OBJECTIVES: Registry[type[Objective]] = Registry(

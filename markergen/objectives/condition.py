@@ -37,15 +37,15 @@ class ConditionObjective(Objective):
         self._normalizes = coordinates == "hartley"
         self._object_scale = 1.0
         # Image coordinates are (x - shift) * stretch, with one shift and stretch for each pose.
-        self._shift, self._stretch = np.zeros((count, 1, 2)), np.ones((count, 1, 2))
+        self._center, self._stretch = np.zeros((count, 1, 2)), np.ones((count, 1, 2))
         if coordinates == "unit":
             depth = poses.translation[:, None, 2:]
             self._object_scale = 1 / setting.boundary.radius
-            self._shift = poses.translation[:, None, :2] / depth
+            self._center = poses.translation[:, None, :2] / depth
             self._stretch = depth / setting.boundary.radius * np.ones(2)
         elif coordinates == "pixel":
             self._stretch = np.broadcast_to(camera.focal, (count, 1, 2))
-            self._shift = -camera.matrix[:2, 2] / self._stretch
+            self._center = -camera.matrix[:2, 2] / self._stretch
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; of layouts (B, P, n, 2), one for each pose, gradients have the same shape."""
@@ -60,7 +60,7 @@ class ConditionObjective(Objective):
         if self._normalizes:
             (objects, to_points), (images, to_image) = _hartley(points), _hartley(normalized)
         else:
-            objects, images = points * self._object_scale, (normalized - self._shift) * self._stretch
+            objects, images = points * self._object_scale, (normalized - self._center) * self._stretch
         value, by_object, by_image = dlt.condition_and_gradient(objects, images, softness)
 
         def pullback(weights: Array) -> Array:

@@ -127,10 +127,10 @@ class DotWeights:
         blocks = affine.reshape(*affine.shape[:-2], -1, 2, 2)
         weight, weight_pullback = self._weights(blocks)
 
-        def pullback(turned: Array) -> Array:
-            by_weight = 0.5 * row_products(turned, jacobian)
+        def pullback(cotangent: Array) -> Array:
+            by_weight = 0.5 * row_products(cotangent, jacobian)
             by_affine = weight_pullback(by_weight).reshape(affine.shape)
-            return times_rows(weight, turned) + by_affine @ self._affine.swapaxes(-1, -2)
+            return times_rows(weight, cotangent) + by_affine @ self._affine.swapaxes(-1, -2)
 
         return times_rows(weight, jacobian), pullback
 

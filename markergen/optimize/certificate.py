@@ -62,7 +62,7 @@ from numpy.typing import NDArray
 
 from markergen.arrays import Array, Mask
 from markergen.maths.information import covariance, moved_information
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.model.camera import NO_DISTORTION
 from markergen.objectives import Objective
 from markergen.objectives.aggregates import DEFAULT_LEVEL
@@ -268,7 +268,7 @@ class _Fields:
         self.room, region = room, room.region
         # A layout turned by all rotations (T, 2, 2) of a disk is a measure that keeps the caps, and often the best.
         turns = ORBIT if len(region.walls) == 1 else 1
-        self.turns = turn_z(np.linspace(0.0, 2 * np.pi, turns, endpoint=False))[:, :2, :2]
+        self.turns = rotation_z(np.linspace(0.0, 2 * np.pi, turns, endpoint=False))[:, :2, :2]
         self.objective = objective = room.objective
         corners = np.concatenate(region.boundary.outlines())
         self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
@@ -367,7 +367,7 @@ class _Worth:
     def sensitivity(self, packed: Array, softness: float) -> Array:
         """Sensitivity (P T,); aggregates with kinks take weights q of the softened aggregate."""
         inverse, values = self._values(packed)
-        turned = inverse @ self.objective.weight @ inverse
+        weighed = inverse @ self.objective.weight @ inverse
         exponent, share = EXPONENTS[self.objective.aggregate.partition(":")[0]], self._shares(values, softness)
         if exponent:
             whole = np.sum(share * values**exponent) ** (-2 / exponent - 1)
@@ -375,7 +375,7 @@ class _Worth:
             whole = np.exp(-2 * np.sum(share * np.log(values)))
         weights = share * values ** (exponent - 2) * whole
         i, j = self._upper
-        flat = turned[:, i, j] * np.where(i == j, 1.0, 2.0) * weights[:, None]
+        flat = weighed[:, i, j] * np.where(i == j, 1.0, 2.0) * weights[:, None]
         return flat.ravel()
 
     def worth(self, packed: Array) -> float:
@@ -422,7 +422,7 @@ class _RoomBound:
         moments = np.einsum("tcx,c,tcy->xy", x, weights[weights > 0], y, optimize=True) / len(self.turns)
         return self.fields.information(moments)
 
-    def turned(self, places: Array, weights: Array) -> tuple[Array, Array]:
+    def rotated(self, places: Array, weights: Array) -> tuple[Array, Array]:
         """Places (T C, 2) to which places (C, 2) are turned, and their shares of weights (C,)."""
         return (places @ self.turns).reshape(-1, 2), np.tile(weights / len(self.turns), len(self.turns))
 
@@ -433,13 +433,13 @@ class _RoomBound:
 
     def cover(self) -> Array:
         """Values of the caps (K, C) at the places in columns."""
-        turned = self.places[self.column] @ self.turns
-        return np.asarray(sum(_overlap(self.caps, places, self.pitch) for places in turned) / len(turned))
+        rotated = self.places[self.column] @ self.turns
+        return np.asarray(sum(_overlap(self.caps, places, self.pitch) for places in rotated) / len(rotated))
 
     def extend(self, weights: Array, excess: Array, least: float, crowded: Array, more: Array) -> None:
         """Take the caps and places into the next linear program that the last one and its bound were short of."""
         used = weights > 0
-        load = _cap(self.caps, *self.turned(self.places[used], weights[used]), self.pitch, 0.0)[0]
+        load = _cap(self.caps, *self.rotated(self.places[used], weights[used]), self.pitch, 0.0)[0]
         self.caps = np.concatenate([self.caps[load > SLACKEST], crowded])
         outside = np.where(self.column, -np.inf, excess)
         self.column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
@@ -454,7 +454,7 @@ class _RoomBound:
         from scipy.spatial import cKDTree
 
         used = weights > 1e-9
-        held, weights = self.turned(self.places[used], weights[used])
+        held, weights = self.rotated(self.places[used], weights[used])
         i, j = cKDTree(held).query_pairs(self.pitch, output_type="ndarray").T
         centers = np.concatenate([(held[i] + held[j]) / 2, held, self.places])
         centers = centers[_in_wedge(centers, len(self.turns))]
@@ -554,7 +554,7 @@ class _Program:
             weights, shares, prices = self._linear_program(seen)
             work += (len(cuts) + sum(len(part.caps) for part in parts)) * sum(int(part.column.sum()) for part in parts)
             cut = shares @ cuts
-            around = [part.turned(part.caps[mu > 0], mu[mu > 0]) for part, mu in zip(parts, prices, strict=True)]
+            around = [part.rotated(part.caps[mu > 0], mu[mu > 0]) for part, mu in zip(parts, prices, strict=True)]
             excess = [
                 shares @ at - _cap(part.places, *near, part.pitch, 0.0)[0]
                 for part, at, near in zip(parts, seen, around, strict=True)

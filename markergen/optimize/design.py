@@ -748,7 +748,10 @@ def _place(
         points = optimum.points
         if not optimum.binding:
             points = upright(
-                points, objective, region, lambda turned: layout_safety(turned, setting, False).least >= spec.asymmetric
+                points,
+                objective,
+                region,
+                lambda rotated: layout_safety(rotated, setting, False).least >= spec.asymmetric,
             )
         points = numbered(points)
     else:

@@ -104,21 +104,21 @@ class TraceExchangeTable(ExchangeTable):
     def __init__(self, objective: TraceObjective, places: Array) -> None:
         super().__init__(places)
         self._objective, self._aggregate = objective, objective.aggregated
-        self._told = self._tell(places)
-        self._products = _products(self._told)
+        self._information = self._added(places)
+        self._products = _products(self._information)
         # A tiny fraction of the mean information of all places keeps M of three points or fewer regular.
-        size = self._told.shape[-1]
-        self._little = 1e-7 * np.einsum("pcii->pi", self._told)[:, None] / len(places) * np.eye(size)
+        size = self._information.shape[-1]
+        self._little = 1e-7 * np.einsum("pcii->pi", self._information)[:, None] / len(places) * np.eye(size)
         self._upper = np.triu_indices(size)
 
     def joined(self, more: Array) -> Self:
         """See `ExchangeTable`."""
-        table, information = super().joined(more), self._tell(more)
-        table._told = np.concatenate([information, self._told], axis=1)
+        table, information = super().joined(more), self._added(more)
+        table._information = np.concatenate([information, self._information], axis=1)
         table._products = np.concatenate([_products(information), self._products], axis=1)
         return table
 
-    def _tell(self, places: Array) -> Array:
+    def _added(self, places: Array) -> Array:
         """I (P, C, k, k): the information that a point adds to four others that determine the pose."""
         base = regular_polygon(4, 0.7 * self._objective.setting.boundary.radius)
         layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
@@ -129,7 +129,7 @@ class TraceExchangeTable(ExchangeTable):
 
     def values(self, rest: Index, candidates: Index) -> Array:
         """See `ExchangeTable`."""
-        inverse = np.linalg.inv(self._told[:, rest].sum(axis=1) + self._little)
+        inverse = np.linalg.inv(self._information[:, rest].sum(axis=1) + self._little)
         weighed = inverse @ self._objective.weight @ inverse
         i, j = self._upper
         both = np.stack([inverse[:, i, j], weighed[:, i, j]], axis=-1)[:, None]

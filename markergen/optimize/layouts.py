@@ -12,7 +12,7 @@ import numpy as np
 
 from markergen.arrays import Array, Mask
 from markergen.geometry.region import Region
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.model.boundary import Boundary
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.constraints import contacts
@@ -108,8 +108,8 @@ def _full_rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
             rings, size, left = list[Array](), radius, n
             while left and size > 0:
                 count = min(left, max(1, _most_around(size, spacing) - missing))
-                turned = _turns(np.array([fraction * len(rings) * 2 * np.pi / count]))[0]
-                rings.append(regular_polygon(count, size) @ turned)
+                rotation = _turns(np.array([fraction * len(rings) * 2 * np.pi / count]))[0]
+                rings.append(regular_polygon(count, size) @ rotation)
                 size, left = size - step * spacing, left - count
             if not left:
                 yield center + np.concatenate(rings)
@@ -140,7 +140,7 @@ def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:
 
 def _turns(angles: Array) -> Array:
     """Matrices (..., 2, 2) that turn rows of points."""
-    return turn_z(angles)[..., :2, :2].swapaxes(-1, -2)
+    return rotation_z(angles)[..., :2, :2].swapaxes(-1, -2)
 
 
 def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
@@ -313,7 +313,7 @@ def lattice(boundary: Boundary, diameter: float, clearance: float, gap: float = 
     sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     shifts = np.stack(np.meshgrid(np.arange(4) / 4, np.arange(4) / 4), axis=-1).reshape(-1, 1, 2) * pitch
     # A disk is invariant under rotation.
-    rotations = [turn_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
+    rotations = [rotation_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
     placed = np.concatenate([(sites + shifts) @ rotation for rotation in rotations])
     # A billionth of the pitch is a tolerance for rounding in dots that touch the outline.
     inset = diameter / 2 + clearance - 1e-9 * pitch

@@ -325,7 +325,7 @@ def design_rig(
         check_parts(block.spec, block.setting)
     layouts = RigSearch(blocks, spec, poses, given)
     layouts.find(np.random.default_rng(spec.seed), progress)
-    sentence, safety = _told_apart(layouts, tags)
+    sentence, safety = _distinguished(layouts, tags)
     stored: dict[str, Any] = {
         "shape": shape.text,
         "measures": shape.measures,
@@ -501,7 +501,7 @@ def _dressed(block: Block, dots: DotSize) -> Marker:
     return marker
 
 
-def _told_apart(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSafety]:
+def _distinguished(layouts: RigSearch, tags: Sequence[str]) -> tuple[str, ForeignSafety]:
     """How the plates are distinguished, in words, and the least safety."""
     names = [block.face.name for block in layouts.blocks if block.face]
     if tags:

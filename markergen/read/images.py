@@ -214,8 +214,8 @@ def size_in_file(path: Path) -> tuple[int, int] | None:
     try:
         with quiet, opened_image(_content(path), _FORMATS) as image:
             # Pillow's size is that after the rotation, which `read_image` undoes.
-            turned = image.format == "TIFF" and _orientation(image) > 4
-            return image.size[::-1] if turned else image.size
+            is_sideways = image.format == "TIFF" and _orientation(image) > 4
+            return image.size[::-1] if is_sideways else image.size
     except Exception:  # `read_image` says why.
         return None
 

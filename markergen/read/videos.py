@@ -103,13 +103,13 @@ def open_video(source: str | Path | int, size: tuple[int, int] | None = None) ->
     count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
     # The address of a file is one, too: only what has no end is live.
     live = kind in ("camera", "pipeline") or (kind == "stream" and not count > 0)
-    turned = capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 180, 270)
+    is_rotated = capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 180, 270)
     return Video(
         f"camera {text}" if kind == "camera" and text.isdecimal() else text,
         live,
         rate if 0 < rate <= 1000 else None,
         int(count) if count > 0 and not live else None,
-        [TURN_NOTE] if turned else [],
+        [TURN_NOTE] if is_rotated else [],
         capture,
     )
 

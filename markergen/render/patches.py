@@ -57,8 +57,8 @@ class Patch:
             sizes = np.linalg.norm(areas, axis=-1)
             normal = areas[np.argmax(sizes)] / max(sizes.max(), np.finfo(float).tiny)
             normal = -normal if normal[2] < 0 else normal
-            turned = (areas @ normal < 0) ^ (_nesting(outlines, sizes, normal) % 2 == 1)
-            outlines = [o[::-1] if is_turned else o for o, is_turned in zip(outlines, turned, strict=True)]
+            inward = (areas @ normal < 0) ^ (_nesting(outlines, sizes, normal) % 2 == 1)
+            outlines = [o[::-1] if is_inward else o for o, is_inward in zip(outlines, inward, strict=True)]
         object.__setattr__(self, "outlines", tuple(outlines))
         object.__setattr__(self, "normal", normal)
 

@@ -252,10 +252,13 @@ def _expected(layout: Sketch, budget: PoseBudget) -> dict[str, Any]:
     (distance, tilt), mask = max(cells.items(), key=lambda cell: rms(rotation[cell[1]]))
     hardest: dict[str, Any] = {"distance": distance, "tilt": tilt}
     hardest |= {"rotation": degrees(rms(rotation[mask])), "translation_mm": rms(translation[mask])}
-    turned, moved = rms(rotation), rms(translation)
-    amounts = {"rotation": degrees(turned), "translation": millimeters(moved, float(poses.distance.max()))}
+    rotation_deg, translation_mm = rms(rotation), rms(translation)
+    amounts = {
+        "rotation": degrees(rotation_deg),
+        "translation": millimeters(translation_mm, float(poses.distance.max())),
+    }
     seen = {"poses": len(poses), "dropped": poses.dropped, "missed": left_out(len(poses), poses.dropped)}
-    return {"rotation_deg": turned, "translation_mm": moved, **amounts, **seen, "hardest": hardest}
+    return {"rotation_deg": rotation_deg, "translation_mm": translation_mm, **amounts, **seen, "hardest": hardest}
 
 
 def _limits(layout: Sketch, budget: PoseBudget) -> list[str]:
@@ -334,8 +337,8 @@ def _more_dots(layout: Sketch) -> list[dict[str, Any]]:
     for n in sorted({*COUNTS} & glances.keys()):
         glance = glances[n]
         budget = marker_budget(glance.points, glance.diameter, layout.setting, layout.spec.image_noise, layout.sources)
-        turned, moved = rms(budget.rotation_deg["total"]), 1e3 * rms(budget.translation["total"])
-        errors = {"rotation_deg": turned, "translation_mm": moved} if turned <= LINEAR_DEG else {}
+        rotation_deg, translation_mm = rms(budget.rotation_deg["total"]), 1e3 * rms(budget.translation["total"])
+        errors = {"rotation_deg": rotation_deg, "translation_mm": translation_mm} if rotation_deg <= LINEAR_DEG else {}
         rows.append({"n": n, "diameter": glance.diameter, **errors})
     return rows
 
@@ -365,8 +368,8 @@ def _bounds(rivals: tuple[str, ...], marker: Marker, poses: PoseDistribution) ->
             contestant.bound(setting.camera, setting.poses.taken(every[[k]], 0), DEFAULT_OPTICS)
             for k in range(len(every))
         ]
-        turned, moved = (rms(np.array(part)) for part in zip(*bounds, strict=True))
-        rows.append({"name": contestant.name, "rotation_deg": turned, "translation_pct": moved})
+        rotation_deg, translation_pct = (rms(np.array(part)) for part in zip(*bounds, strict=True))
+        rows.append({"name": contestant.name, "rotation_deg": rotation_deg, "translation_pct": translation_pct})
     return rows
 
 

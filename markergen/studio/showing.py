@@ -173,8 +173,8 @@ def _errors(what: Marker | Rig, camera: Camera, poses: PoseDistribution) -> tupl
     series: SyntheticViews[Any] = SyntheticViews(what, camera, poses, 0, errors=usual)
     served, budget = series.coverage.served, budget_of(series)
     total = {"rotation": budget.rotation_deg["total"], "translation": 1e3 * budget.translation["total"]}
-    turned, moved = (rms(error[served]) for error in total.values())
-    amounts = f"{degrees(turned)} and {millimeters(moved, float(poses.distance.max()))}"
+    rotation_deg, translation = (rms(error[served]) for error in total.values())
+    amounts = f"{degrees(rotation_deg)} and {millimeters(translation, float(poses.distance.max()))}"
     at_poses = {name: np.where(served, error, np.inf) for name, error in total.items()}
     source = source_of(1e3 * usual.print_sigma, False)
     where = (

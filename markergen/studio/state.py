@@ -361,7 +361,7 @@ def _with_room(options: dict[str, Any], room: Boundary) -> dict[str, Any]:
     else:
         changed["boundary"] = moved_outline(room, (x, y)).as_dict()
     if keep_outs := _keep_outs(options):
-        changed["keep_out"] = [_shifted(region, (x, y)) for region in keep_outs]
+        changed["keep_out"] = [_translated(region, (x, y)) for region in keep_outs]
     if options.get("points"):
         changed["points"] = points_as_text(
             [(u - x, v - y, *z) for u, v, *z in parsed_layout(plain_options(options)["points"])]
@@ -376,10 +376,10 @@ def _with_moved(keep_outs: list[Any], move: Mapping[str, Any]) -> list[Any]:
     index, (x, y) = move.get("index"), place_in(move.get("by"))
     if not isinstance(index, int) or not 0 <= index < len(keep_outs):
         raise InputError("the index of a keep-out", brief(index), "reload the page")
-    return [_shifted(region, (-x, -y)) if k == index else region for k, region in enumerate(keep_outs)]
+    return [_translated(region, (-x, -y)) if k == index else region for k, region in enumerate(keep_outs)]
 
 
-def _shifted(keep_out: Any, origin: Place) -> Any:
+def _translated(keep_out: Any, origin: Place) -> Any:
     """Return a keep-out as it is seen from another origin; one that was typed stays a text."""
     if not isinstance(keep_out, str):
         return moved_outline(spec_of_options({"keep_out": [keep_out]}).keep_outs[0], origin).as_dict()

@@ -147,8 +147,8 @@ def grey_gradient(
     gradient = np.empty((6, *expected.shape), dtype=np.float32)
     for k in range(6):
         ahead, behind = (
-            expected_levels(scene(turned[k], moved_to[k]), camera, turned[k], moved_to[k], optics, window)
-            for turned, moved_to in moved
+            expected_levels(scene(rotated[k], moved_to[k]), camera, rotated[k], moved_to[k], optics, window)
+            for rotated, moved_to in moved
         )
         gradient[k] = (ahead - behind) / (2 * steps[k, k])
     return expected, gradient, optics.grey_noise(expected)

@@ -42,12 +42,12 @@ def pose_degrees(rotation: Array, translation: Array) -> Array:
     >>> (pose_degrees(facing[None], np.array([[0.0, 0.1, 1.0]])).round(9) + 0.0).tolist()
     [[0.0, 100.0, 1000.0, 0.0, 0.0, 0.0]]
     """
-    turned = rotation * [1.0, -1.0, -1.0]
-    x, y, z = turned[:, :, 2].T
+    flipped = rotation * [1.0, -1.0, -1.0]
+    x, y, z = flipped[:, :, 2].T
     sine = np.hypot(x, y)
     # Where the sine vanishes, so do x and y.
     tilt = np.stack([-y, x, np.zeros(len(x))], axis=-1) * (np.arctan2(sine, z) / np.maximum(sine, 1e-300))[:, None]
-    rolled = exponential(tilt).swapaxes(-1, -2) @ turned
+    rolled = exponential(tilt).swapaxes(-1, -2) @ flipped
     roll = np.arctan2(rolled[:, 1, 0], rolled[:, 0, 0])
     return np.column_stack([1e3 * translation, np.rad2deg(tilt[:, :2]), np.rad2deg(roll)])
 

@@ -133,8 +133,8 @@ def expect(
     poses, total = series.poses, images.budget.total
     rotation_deg, translation = images.budget.rotation_deg["total"], images.budget.translation["total"]
     is_determined: Mask = np.asarray(np.isfinite(total).all(axis=(-2, -1)))
-    chance, turned_deg, moved_mm = np.zeros(len(poses)), np.zeros(len(poses)), np.zeros(len(poses))
-    chance[is_determined], turned_deg[is_determined], moved_mm[is_determined] = _flips(images, is_determined)
+    chance, flip_deg, flip_mm = np.zeros(len(poses)), np.zeros(len(poses)), np.zeros(len(poses))
+    chance[is_determined], flip_deg[is_determined], flip_mm[is_determined] = _flips(images, is_determined)
     chosen = is_determined.copy()
     if not sample:
         bent = np.maximum(_curvature(images, is_determined), _calibration_curvature(images, is_determined))
@@ -144,15 +144,15 @@ def expect(
     expected = Expectation(
         rotation_deg,
         1e3 * translation,
-        np.sqrt(rotation_deg**2 + chance * turned_deg**2),
-        np.sqrt((1e3 * translation) ** 2 + chance * moved_mm**2),
+        np.sqrt(rotation_deg**2 + chance * flip_deg**2),
+        np.sqrt((1e3 * translation) ** 2 + chance * flip_mm**2),
         chance,
         np.zeros(len(poses)),
         chosen,
         np.full((len(poses), count), np.inf),
         np.full((len(poses), count), np.inf),
     )
-    _draw_first_order(expected, images, np.flatnonzero(is_determined & ~chosen), seed, turned_deg, moved_mm)
+    _draw_first_order(expected, images, np.flatnonzero(is_determined & ~chosen), seed, flip_deg, flip_mm)
     numbers = np.flatnonzero(chosen)
     at_once = max(1, BLOCK // count)
     for start in range(0, len(numbers), at_once):
@@ -181,13 +181,13 @@ def _flips(images: _Images, poses: Mask) -> tuple[Array, Array, Array]:
     rotation, translation = images.series.poses.rotation[poses], images.series.poses.translation[poses]
     start = mirrored_poses(images.points, rotation, translation)
     flipped, place, chi2 = images.refined(poses, images.exact[poses], *start)
-    turned_deg = np.rad2deg(angle_between(flipped, rotation))
-    apart = turned_deg > DISTINCT * images.budget.rotation_deg["total"][poses]
+    flip_deg = np.rad2deg(angle_between(flipped, rotation))
+    apart = flip_deg > DISTINCT * images.budget.rotation_deg["total"][poses]
     from scipy.special import ndtr
 
     chance = np.where(np.isfinite(chi2) & apart, ndtr(-np.sqrt(np.maximum(chi2, 0.0)) / 2), 0.0)
-    moved_mm = 1e3 * np.linalg.norm(place - translation, axis=-1)
-    return chance, np.where(chance > 0, turned_deg, 0.0), np.where(chance > 0, moved_mm, 0.0)
+    flip_mm = 1e3 * np.linalg.norm(place - translation, axis=-1)
+    return chance, np.where(chance > 0, flip_deg, 0.0), np.where(chance > 0, flip_mm, 0.0)
 
 
 def _curvature(images: _Images, poses: Mask) -> Array:
@@ -245,7 +245,7 @@ def _steps(images: _Images, poses: Mask) -> Array:
 
 
 def _draw_first_order(
-    expected: Expectation, images: _Images, poses: NDArray[np.intp], seed: int, turned_deg: Array, moved_mm: Array
+    expected: Expectation, images: _Images, poses: NDArray[np.intp], seed: int, flip_deg: Array, flip_mm: Array
 ) -> None:
     """Draw errors from the covariance, with flips at their probability."""
     count = expected.drawn_deg.shape[1]
@@ -257,8 +257,8 @@ def _draw_first_order(
         parts = [np.maximum(np.linalg.eigvalsh(total[pose][k : k + 3, k : k + 3]), 0.0) for k in (0, 3)]
         flipped = rng.random(count) < expected.flip_rate[pose]
         squares = [normal[:, 3 * k : 3 * k + 3] ** 2 @ parts[k] for k in (0, 1)]
-        expected.drawn_deg[pose] = np.sqrt(np.rad2deg(1) ** 2 * squares[0] + flipped * turned_deg[pose] ** 2)
-        expected.drawn_mm[pose] = np.sqrt(1e6 * squares[1] + flipped * moved_mm[pose] ** 2)
+        expected.drawn_deg[pose] = np.sqrt(np.rad2deg(1) ** 2 * squares[0] + flipped * flip_deg[pose] ** 2)
+        expected.drawn_mm[pose] = np.sqrt(1e6 * squares[1] + flipped * flip_mm[pose] ** 2)
 
 
 def _draw_estimates(expected: Expectation, images: _Images, poses: NDArray[np.intp], seed: int) -> None:
@@ -275,12 +275,12 @@ def _draw_estimates(expected: Expectation, images: _Images, poses: NDArray[np.in
     place = np.where(better[:, None], second[1], first[1])
     off = np.linalg.norm(place - translation, axis=-1)
     te_pct = 100 * off / np.linalg.norm(translation, axis=-1)
-    turned = angle_between(estimate, rotation)
+    error = angle_between(estimate, rotation)
     lost = pose_failed(images.points, estimate, place, te_pct)
     mirrored = mirrored_rotation(rotation, translation)
     apart = flip_separation(true.rotation, true.translation, images.budget.total[poses]) >= FLIP_SEPARATION
-    flipped = (angle_between(estimate, mirrored) < turned) & np.repeat(apart, count) & ~lost
-    drawn_deg = np.where(lost, np.nan, np.rad2deg(turned)).reshape(-1, count)
+    flipped = (angle_between(estimate, mirrored) < error) & np.repeat(apart, count) & ~lost
+    drawn_deg = np.where(lost, np.nan, np.rad2deg(error)).reshape(-1, count)
     drawn_mm = np.where(lost, np.nan, 1e3 * off).reshape(-1, count)
     expected.drawn_deg[poses], expected.drawn_mm[poses] = drawn_deg, drawn_mm
     kept = np.maximum(np.isfinite(drawn_deg).sum(axis=1), 1)

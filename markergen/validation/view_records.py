@@ -283,14 +283,14 @@ def stress(
     results = {}
     total = len(CONDITIONS) * series.count
     for number, (name, worsen) in enumerate(CONDITIONS.items()):
-        later = _shifted(progress, number * series.count, total) if progress else None
+        later = _from_start(progress, number * series.count, total) if progress else None
         worse = worsen(series)
         summarized = summary(worse, take_records(worse, workers, later))
         results[name] = {key: value for key, value in summarized.items() if key != "samples"}
     return results
 
 
-def _shifted(progress: Callable[[int, int], None], start: int, total: int) -> Callable[[int, int], None]:
+def _from_start(progress: Callable[[int, int], None], start: int, total: int) -> Callable[[int, int], None]:
     return lambda done, _: progress(start + done, total)
 
 

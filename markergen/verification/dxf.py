@@ -135,7 +135,7 @@ class _Shapes:
         ring = np.concatenate([flat, flat[:1]]) if closed else flat
         circle = _circle(curves, flat) if closed or kind in ("ARC", "ELLIPSE") else None
         if circle is not None:
-            self._turn(kind, layer, circle, ring)
+            self._take_arc(kind, layer, circle, ring)
         elif layer in MADE and kind != "ELLIPSE":
             self.corners.append(flat)
         if layer not in MADE:
@@ -152,7 +152,7 @@ class _Shapes:
                 self._again(kind, ring)
             self._others.append((layer, traits))
 
-    def _turn(self, kind: str, layer: str, circle: Array, ring: Array) -> None:
+    def _take_arc(self, kind: str, layer: str, circle: Array, ring: Array) -> None:
         """Take a circle or a piece of one, and tell whether it is there already, or whole with those before."""
         # Half degrees that it covers, the ends of an arc left to the next.
         angle = 2 * np.degrees(np.unwrap(np.arctan2(*(ring - circle[:2]).T[::-1])))

@@ -154,9 +154,9 @@ def best_match(expected: DotSet, dots: DotSet, upright: Callable[[], bool | None
     """
     plain, mirrored = (_matches(expected, dots, mirror) for mirror in (False, True))
     if not plain or not mirrored:
-        return min([*plain, *mirrored], key=_turn, default=None)
+        return min([*plain, *mirrored], key=_rotation, default=None)
     if mirrored[0].count != plain[0].count:
-        return min(plain if plain[0].count > mirrored[0].count else mirrored, key=_turn)
+        return min(plain if plain[0].count > mirrored[0].count else mirrored, key=_rotation)
     least = min(match.rms for match in (*plain, *mirrored))
     alike = [match for match in (*plain, *mirrored) if match.rms <= 1.5 * least + 1e-3]
     both = len({match.mirror for match in alike}) == 2
@@ -165,10 +165,10 @@ def best_match(expected: DotSet, dots: DotSet, upright: Callable[[], bool | None
         alike = [match for match in alike if match.mirror != reads]
     elif dots.ordered and any(match.ordered for match in alike):
         alike = [match for match in alike if match.ordered]
-    return min(alike, key=lambda match: (match.mirror, _turn(match)))
+    return min(alike, key=lambda match: (match.mirror, _rotation(match)))
 
 
-def _turn(match: Match) -> tuple[float, float]:
+def _rotation(match: Match) -> tuple[float, float]:
     return round(abs(match.angle), 3), match.rms
 
 

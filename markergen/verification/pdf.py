@@ -173,23 +173,23 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
             else:
                 both = f"pages {number + 1} and {index + 1}"
                 gaps.append(f"{both} differ in the number of registration marks on their seam")
-        shifts = np.concatenate(ties)
-        if tiles and not len(shifts):
+        offsets = np.concatenate(ties)
+        if tiles and not len(offsets):
             gaps.append(f"page {index + 1} has no registration marks that those of its neighbors fit")
-        shift = shifts.mean(axis=0) if len(shifts) else np.zeros(2)
-        off = float(np.linalg.norm(shifts - shift, axis=1).max(initial=0.0))
+        offset = offsets.mean(axis=0) if len(offsets) else np.zeros(2)
+        off = float(np.linalg.norm(offsets - offset, axis=1).max(initial=0.0))
         if off > TILE_TOLERANCE:
             gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
-        tiles[row, column] = index, sheet, shift
-    placed = [(sheet, shift) for _, sheet, shift in tiles.values()]
+        tiles[row, column] = index, sheet, offset
+    placed = [(sheet, offset) for _, sheet, offset in tiles.values()]
     page = Page(
         np.concatenate(
-            [*(sheet.page.circles + [*shift, 0.0, 0.0] for sheet, shift in placed), _joined(placed, diameters)]
+            [*(sheet.page.circles + [*offset, 0.0, 0.0] for sheet, offset in placed), _joined(placed, diameters)]
         ),
         None,
-        np.concatenate([sheet.page.corners + shift for sheet, shift in placed]),
-        picture=PagePicture.of_tiles([(sheet.page.picture, shift, sheet.kept) for sheet, shift in placed]),
-        lines=np.concatenate([sheet.page.lines + shift for sheet, shift in placed if sheet.page.lines is not None]),
+        np.concatenate([sheet.page.corners + offset for sheet, offset in placed]),
+        picture=PagePicture.of_tiles([(sheet.page.picture, offset, sheet.kept) for sheet, offset in placed]),
+        lines=np.concatenate([sheet.page.lines + offset for sheet, offset in placed if sheet.page.lines is not None]),
         are_cut=placed[0][0].page.are_cut,
     )
     return page, gaps
@@ -198,10 +198,10 @@ def assembled(sheets: Sequence[TilePage], indices: Iterable[int], diameters: Seq
 def _joined(placed: Sequence[tuple[TilePage, Array]], diameters: Sequence[float]) -> Array:
     """Circles (m, 4) of about these diameters that pieces on several tiles form, which overlap."""
     tiles = []
-    for sheet, shift in placed:
+    for sheet, offset in placed:
         sizes = [float(np.ptp(arc, axis=0).max()) for arc in sheet.arcs]
         # A sliver of less would be whole on the neighbor; letters are smaller.
-        rings = (Region.polygon(arc + shift, mend=True) for arc, size in zip(sheet.arcs, sizes, strict=True)
+        rings = (Region.polygon(arc + offset, mend=True) for arc, size in zip(sheet.arcs, sizes, strict=True)
                  if PIECE * min(diameters) < size < ALIKE * max(diameters))  # fmt: skip
         tiles.append(reduce(xor, rings, Region()))
     circles = [round_shape(ring) for ring in Region.union(tiles).rings]

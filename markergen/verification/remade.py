@@ -561,8 +561,8 @@ def _apart(corners: Array, wanted: Array, tolerance: float) -> float:
 
     if len(corners) != len(wanted):
         return np.inf
-    turned = np.concatenate([np.roll(corners, k, axis=1).reshape(-1, 9) for k in range(3)])
-    distance, index = cKDTree(turned).query(wanted.reshape(-1, 9), distance_upper_bound=3 * tolerance)
+    rolled = np.concatenate([np.roll(corners, k, axis=1).reshape(-1, 9) for k in range(3)])
+    distance, index = cKDTree(rolled).query(wanted.reshape(-1, 9), distance_upper_bound=3 * tolerance)
     if len(np.unique(index % len(corners))) < len(wanted):
         return np.inf
     return float(distance.max(initial=0.0))

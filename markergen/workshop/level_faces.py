@@ -44,7 +44,7 @@ class Rim:
     floor: bool = False
 
     @property
-    def turn(self) -> int:
+    def winding(self) -> int:
         """Value added to the inside of the contour: 1 for a face with its outside above, -1 for one below."""
         return self.side if area(self.contour) > 0 else -self.side
 
@@ -121,7 +121,7 @@ def _faces(rims: Sequence[Rim]) -> Iterator[PlanarFace]:
     def sums(k: int) -> tuple[int, int]:
         if k not in inside:
             added, cut = sums(around[k])
-            winding = rims[k].turn
+            winding = rims[k].winding
             inside[k] = (added + winding, cut) if rims[k].added else (added, cut + winding)
         return inside[k]
 

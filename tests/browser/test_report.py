@@ -5,7 +5,7 @@ import pytest
 from pypdfium2 import PdfDocument
 
 import markergen as mg
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.render import Optics, render_view
 from markergen.studies.sweep.grid import sweep_from_mapping
 from markergen.studies.sweep.run import plots, sweep_page
@@ -38,7 +38,7 @@ def calibration(folder):
     marker, rng, photos = mg.design(n=6, radius="100mm", restarts=1).marker, np.random.default_rng(0), []
     for k in range(8):
         lean = np.deg2rad(20 + 3 * k) * np.array([np.cos(2.4 * k), np.sin(2.4 * k), 0])
-        rotation = turn_z(1.6 * k) @ exponential(lean) @ np.diag([1.0, -1.0, -1.0])
+        rotation = rotation_z(1.6 * k) @ exponential(lean) @ np.diag([1.0, -1.0, -1.0])
         photos.append(render_view(marker, CAMERA, rotation, np.array([0.01, 0, 0.5 + 0.02 * k]), Optics(), rng))
     return mg.calibrate(marker, photos, CAMERA).save(report=folder / "calibration.html")
 

@@ -5,7 +5,7 @@ import pytest
 from simulated_photos import hand_held
 
 import markergen as mg
-from markergen.calibration.photos import Labeled, alternatives, relabelings, settle_labels, turned_to_design
+from markergen.calibration.photos import Labeled, aligned_to_design, alternatives, relabelings, settle_labels
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
@@ -111,7 +111,7 @@ def test_the_turn_of_all_together_is_told_by_a_dot_of_another_size_or_not_at_all
     area = 2 * np.log(radii) + rng.normal(0, 0.03, 30)
     wrong = [replace(each, area=area) for each in wrong]
     settled = settle_labels([[each] for each in wrong], design, radii, CAMERA)
-    turned, told = turned_to_design(settled, group, design, radii, CAMERA)
+    turned, told = aligned_to_design(settled, group, design, radii, CAMERA)
     assert told == larger
     if larger:
         for guess in turned.guesses:

@@ -12,7 +12,7 @@ from markergen.calibration.network import Views
 from markergen.calibration.next_photo import LEAST_DIAMETER, MARGIN, candidate_photos, next_photos
 from markergen.calibration.working_error import sensitivity
 from markergen.maths.conics import outlines
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.camera import Camera, Distortion
 
 NOISE = 0.03
@@ -81,7 +81,7 @@ def test_the_first_is_the_best_of_all_candidates():
 def test_frontal_photographs_with_an_unknown_camera_ask_for_a_tilt(n):
     rng, design = np.random.default_rng(4), layout(n)
     depth = rng.uniform(0.4, 1, 10)
-    poses = FRONT @ turn_z(rng.uniform(0, 2 * np.pi, 10)), depth[:, None] * [0.0, 0.0, 1.0]
+    poses = FRONT @ rotation_z(rng.uniform(0, 2 * np.pi, 10)), depth[:, None] * [0.0, 0.0, 1.0]
     made = photographed(design, printed(design, rng), *poses, rng)
     found = next_photos(adjust(made.unknown_camera(), made.views), _working(n))
     assert found.photos[0].candidate.tilt_deg[0] >= 40

@@ -11,7 +11,7 @@ from markergen.calibration.adjustment import UndeterminedError, adjust
 from markergen.calibration.network import CameraFreedom, Length
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.defaults import PRINT_SIGMA
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 
 BASE = ("fx", "cx", "cy", "k1", "k2")
 FRONT = np.diag([1.0, -1.0, -1.0])
@@ -36,14 +36,14 @@ def _found(*arguments, **named):
 
 def _frontal(photos, rng):
     depth = rng.uniform(0.4, 1, photos)
-    return FRONT @ turn_z(rng.uniform(0, 2 * np.pi, photos)), depth[:, None] * [0.0, 0.0, 1.0]
+    return FRONT @ rotation_z(rng.uniform(0, 2 * np.pi, photos)), depth[:, None] * [0.0, 0.0, 1.0]
 
 
 def _tilted(photos, rng, roll=False):
     angle, azimuth = rng.uniform(0.3, 0.9, photos), rng.uniform(0, 2 * np.pi, photos)
     lean = exponential(angle[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth), 0 * angle], axis=-1))
     aside = np.column_stack([rng.uniform(-0.05, 0.05, (photos, 2)), rng.uniform(0.5, 0.9, photos)])
-    return lean @ FRONT @ turn_z(rng.uniform(0, 2 * np.pi, photos) * roll), aside
+    return lean @ FRONT @ rotation_z(rng.uniform(0, 2 * np.pi, photos) * roll), aside
 
 
 @pytest.mark.parametrize("n", [5, 24])

@@ -9,7 +9,7 @@ import pytest
 from markergen.comparison.baselines import line_up
 from markergen.comparison.contestants import KINDS, Absent, Arena, forms, listed
 from markergen.maths.projection import project
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.model.boundary import polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
@@ -63,7 +63,7 @@ def best_sighting(contestant, pose, camera=PAPER_CAMERA):
         (rotation_error_deg(each.rotation @ turn.T, pose[0]), each, turn)
         for each in found
         if each.rotation is not None
-        for turn in (turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns))
+        for turn in (rotation_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns))
     ]
     assert turned, {each.reason for each in found}
     return min(turned, key=lambda each: each[0])

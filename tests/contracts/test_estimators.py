@@ -6,7 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator, PoseEstimator
 from markergen.maths.projection import apply_homography, project
-from markergen.maths.rotation import angle_between, turn_z
+from markergen.maths.rotation import angle_between, rotation_z
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper, paper_roll
 
@@ -32,7 +32,7 @@ LAYOUTS = {f"{n}-gon": regular(n) for n in range(4, 9)} | {f"random {seed}": sca
 
 def half_turned():
     poses = paper()
-    return PoseDistribution("half turn", turn_z(np.pi) @ poses.rotation, poses.translation)
+    return PoseDistribution("half turn", rotation_z(np.pi) @ poses.rotation, poses.translation)
 
 
 POSES = {"paper": paper, "roll": paper_roll, "half turn": half_turned}

@@ -7,7 +7,7 @@ import pytest
 from sentences import sentence
 
 from markergen.detect import Detector, detect
-from markergen.maths.rotation import angle_between, turn_z
+from markergen.maths.rotation import angle_between, rotation_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import build_marker
@@ -47,7 +47,7 @@ def test_any_labeling_is_kept_in_a_video(grid):
     detector, found, off = Detector(grid, PAPER_CAMERA, symmetric="any"), (), []
     # More than a turn in all: the labeling that looks upright changes twice on the way.
     for k, angle in enumerate(np.deg2rad(np.arange(0, 400, 20))):
-        rotation = POSE[0] @ turn_z(angle)
+        rotation = POSE[0] @ rotation_z(angle)
         found = detector(view(grid, (rotation, POSE[1])), near=found, whole=k % 5 == 4)
         (result,) = found
         assert result.ok, result.reason

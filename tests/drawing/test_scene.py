@@ -1,7 +1,18 @@
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import FLATNESS, Disk, FilledPath, Line, bounds, clipped, moved, rectangle, renamed, turned
+from markergen.drawing.scene import (
+    FLATNESS,
+    Disk,
+    FilledPath,
+    Line,
+    bounds,
+    clipped,
+    moved,
+    rectangle,
+    renamed,
+    rotated,
+)
 from markergen.drawing.text import text
 
 
@@ -20,7 +31,7 @@ def test_shapes_move_whole():
 
 
 def test_a_quarter_turn_is_counterclockwise():
-    assert bounds(turned(rectangle((1, 0, 3, 1), "r", "#000000"), 1, 0)) == (0, 0, 1, 2)
+    assert bounds(rotated(rectangle((1, 0, 3, 1), "r", "#000000"), 1, 0)) == (0, 0, 1, 2)
 
 
 def test_renamed_shapes_keep_all_else():

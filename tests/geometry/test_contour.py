@@ -24,9 +24,9 @@ from markergen.geometry.contour import (
     offset,
     placed,
     radius_of,
+    reversed_contour,
     rings_and_circles,
     tangent,
-    turned_over,
     turns_of,
 )
 
@@ -71,7 +71,7 @@ def test_area_and_box_are_those_of_a_polygon_that_is_fine_enough(contour):
 @given(contours(), st.sampled_from([1e-2, 1e-3]))
 def test_the_inner_polygon_is_within_the_contour_and_near_it(contour, off):
     fine = polygon(contour)
-    for side, flat in ((1, inner_polygon(contour, off)), (-1, inner_polygon(turned_over(contour), off))):
+    for side, flat in ((1, inner_polygon(contour, off)), (-1, inner_polygon(reversed_contour(contour), off))):
         inner, ring = shapely.Polygon(flat), shapely.LinearRing(flat)
         there = shapely.distance(ring, shapely.points(shapely.get_coordinates(fine)))
         back = shapely.distance(fine.exterior, shapely.points(shapely.get_coordinates(shapely.segmentize(ring, 0.01))))
@@ -93,13 +93,13 @@ def test_a_circle_keeps_its_extent_and_its_symmetry():
 
 @given(contours())
 def test_ways_around_and_mirror_images(contour):
-    for other, sign in ((backward(contour), -1), (turned_over(contour), -1), (mirrored(contour), -1)):
+    for other, sign in ((backward(contour), -1), (reversed_contour(contour), -1), (mirrored(contour), -1)):
         assert area(other) == pytest.approx(sign * area(contour), rel=1e-12)
     assert backward(backward(contour)) == contour
-    assert turned_over(turned_over(contour)) == contour
-    assert turned_over(contour).points[0] == contour.points[0]
+    assert reversed_contour(reversed_contour(contour)) == contour
+    assert reversed_contour(contour).points[0] == contour.points[0]
     assert mirrored(mirrored(contour)) == contour
-    for other in (backward(contour), turned_over(contour)):
+    for other in (backward(contour), reversed_contour(contour)):
         assert shapely.symmetric_difference(polygon(other), polygon(contour)).area < 1e-6
 
 
@@ -189,7 +189,7 @@ def test_flattened_is_on_the_contour(contour):
 def test_a_circle_remembers_the_digits_that_it_was_made_of():
     whole = (0.0313, -0.0217, 0.013)
     made = circle(whole[2], *whole[:2])
-    assert made.as_circle == backward(made).as_circle == turned_over(made).as_circle == whole
+    assert made.as_circle == backward(made).as_circle == reversed_contour(made).as_circle == whole
     assert Contour(made.points, made.bulges) == made
     assert Contour(made.points, made.bulges).as_circle == pytest.approx(whole, abs=1e-17)
 

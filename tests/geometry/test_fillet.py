@@ -13,7 +13,7 @@ from markergen.geometry.contour import (
     filleted,
     largest_fillet,
     radius_of,
-    turned_over,
+    reversed_contour,
     turns_of,
 )
 
@@ -36,7 +36,9 @@ BITE = Contour(((0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (30.0, 30.0), (10.0, 30.0
 LENS = Contour(((-10.0, 0.0), (10.0, 0.0)), (0.5, 0.5))
 
 
-@pytest.mark.parametrize("contour", [SQUARE, NOTCHED, d_shape(10.0, 6.0), BITE, LENS, turned_over(d_shape(10.0, -4.0))])
+@pytest.mark.parametrize(
+    "contour", [SQUARE, NOTCHED, d_shape(10.0, 6.0), BITE, LENS, reversed_contour(d_shape(10.0, -4.0))]
+)
 @pytest.mark.parametrize("radius", [0.1, 1.0, 2.0])
 def test_all_corners_are_smooth_and_of_the_radius(contour, radius):
     sharp = sum(abs(turn) > SHARP for turn in turns_of(contour))
@@ -64,7 +66,7 @@ def test_a_d_s_corners_lose_what_they_should(radius):
     # Of the upper half: from the left the large sector up to the fillet, then a triangle, the fillet's sector, and
     # what is between its center and the flat.
     upper = big**2 * (pi - angle) / 2 + (flat - radius) * height / 2 + radius**2 * angle / 2 + radius * height
-    assert area(turned_over(filleted(d_shape(big, flat), radius, SHARP))) == pytest.approx(-2 * upper, rel=1e-9)
+    assert area(reversed_contour(filleted(d_shape(big, flat), radius, SHARP))) == pytest.approx(-2 * upper, rel=1e-9)
 
 
 def test_what_has_no_room_is_told_and_the_largest_that_has():

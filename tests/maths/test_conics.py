@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from markergen.maths.conics import _turn, fitted_centers, outlines, pose_rows, refine_poses
+from markergen.maths.conics import _rotation, fitted_centers, outlines, pose_rows, refine_poses
 from markergen.maths.distortion import distortion_hessian
 from markergen.maths.information import pose_jacobian
 from markergen.maths.projection import circle_image, plane_homography
@@ -91,7 +91,7 @@ def test_rows_are_the_jacobian_of_the_pose():
 
 def test_turn_is_the_exponential():
     vectors = np.concatenate([np.random.default_rng(1).normal(size=(20, 3)), np.zeros((1, 3)), [[1e-9, 0, 0]]])
-    np.testing.assert_allclose(_turn(vectors), exponential(vectors), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(_rotation(vectors), exponential(vectors), rtol=0, atol=1e-14)
 
 
 def test_refinement_comes_back_from_a_few_degrees_and_percent():

@@ -133,10 +133,10 @@ def test_mirrored_pose_reflects_the_normal_about_the_line_of_sight(setting):
     )
 
 
-def test_smallest_turn_takes_one_vector_to_the_other():
+def test_smallest_rotation_takes_one_vector_to_the_other():
     rng = np.random.default_rng(6)
     a, b = rng.normal(size=(2, 30, 3))
     a, b = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (a, b))
-    turn = info.smallest_turn(a, b)
+    turn = info.smallest_rotation(a, b)
     np.testing.assert_allclose(np.einsum("nij,nj->ni", turn, a), b, atol=1e-12)
     np.testing.assert_allclose(angle_between(turn, np.eye(3)), np.arccos(np.sum(a * b, -1)), atol=1e-7)

@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from markergen.maths.rotation import angle_between, exponential, logarithm, rigid_motion, scaled_motion, skew, turn_z
+from markergen.maths.rotation import (
+    angle_between,
+    exponential,
+    logarithm,
+    rigid_motion,
+    rotation_z,
+    scaled_motion,
+    skew,
+)
 
 vectors = arrays(float, (4, 3), elements=st.floats(-1.7, 1.7))
 
@@ -38,8 +46,8 @@ def test_angles_of_nothing_are_nan():
     assert np.isnan(angle_between(np.full((3, 3), np.nan), np.eye(3)))
 
 
-def test_turn_z_turns_x_to_y():
-    np.testing.assert_allclose(turn_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+def test_rotation_z_takes_x_to_y():
+    np.testing.assert_allclose(rotation_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
 
 RNG = np.random.default_rng(5)

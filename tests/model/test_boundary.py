@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from sentences import sentence
 
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, area, circle, flattened, placed, turned_over
+from markergen.geometry.contour import Contour, area, circle, flattened, placed, reversed_contour
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.shape_file import BoundaryFile
 
@@ -398,7 +398,7 @@ def test_arcs_come_back_from_their_dict_and_from_other_processes():
 def test_which_way_arcs_are_drawn_does_not_matter():
     contours = d_and_slot()
     there = polygon_from(contours, "file")
-    back = polygon_from([turned_over(contour) for contour in contours], "file")
+    back = polygon_from([reversed_contour(contour) for contour in contours], "file")
     assert back == there
     assert [area(contour) > 0 for contour in there.contours()] == [True, False, False, False]
 

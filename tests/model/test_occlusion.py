@@ -103,12 +103,12 @@ def test_what_is_hidden_is_covered_where_it_is_rendered(turn, heights, distance,
 
 def _pose(polar, azimuth):
     """One pose as the paper's are, at the nearest of its polar angles in deg, 0.7 m away."""
-    from markergen.maths.rotation import turn_z
+    from markergen.maths.rotation import rotation_z
 
     poses = paper()
     taken = poses.taken(np.array([np.argmin(np.abs(poses.polar_angle_deg - polar))]), 0)
     away = np.array([[0, 0, 0.7]])
-    return replace(taken, rotation=taken.rotation @ turn_z(np.array([azimuth])), translation=away)
+    return replace(taken, rotation=taken.rotation @ rotation_z(np.array([azimuth])), translation=away)
 
 
 @given(

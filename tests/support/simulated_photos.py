@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markergen.calibration.network import CameraFreedom, Network, Views
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.camera import Camera, Distortion
 
 CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.05, 0.0, 0.0, 0.0)))
@@ -43,7 +43,7 @@ def hand_held(m, rng, tilt=(10, 60)):
     """Return m poses within reach of the camera: tilts in degrees, all directions and rolls, 0.4 to 1 m."""
     tilts, direction, roll, turn = np.deg2rad(rng.uniform(*tilt, m)), *rng.uniform(0, 2 * np.pi, (3, m))
     axis = np.column_stack([np.cos(direction), np.sin(direction), 0 * roll])
-    rotation = turn_z(roll) @ exponential(tilts[:, None] * axis) @ np.diag([1.0, -1.0, -1.0]) @ turn_z(turn)
+    rotation = rotation_z(roll) @ exponential(tilts[:, None] * axis) @ np.diag([1.0, -1.0, -1.0]) @ rotation_z(turn)
     depth = rng.uniform(0.4, 1, m)
     aside = rng.uniform(-0.05, 0.05, (m, 2)) * depth[:, None]
     return rotation, np.column_stack([aside, depth])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.validation.degrees import (
     BINS,
     DEGREES,
@@ -21,7 +21,7 @@ def test_degrees_of_freedom_give_the_pose_back():
     tilt = np.deg2rad(RNG.uniform(-50, 50, (40, 2)))
     roll = RNG.uniform(-np.pi, np.pi, 40)
     place = RNG.normal(size=(40, 3))
-    rotation = exponential(np.pad(tilt, ((0, 0), (0, 1)))) @ turn_z(roll) @ FACING
+    rotation = exponential(np.pad(tilt, ((0, 0), (0, 1)))) @ rotation_z(roll) @ FACING
     np.testing.assert_allclose(
         pose_degrees(rotation, place), np.column_stack([1e3 * place, np.rad2deg(tilt), np.rad2deg(roll)]), atol=1e-9
     )

@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import chi2
 
 from markergen.maths.information import mirrored_rotation
-from markergen.maths.rotation import angle_between, exponential, turn_z
+from markergen.maths.rotation import angle_between, exponential, rotation_z
 from markergen.model.poses import paper
 from markergen.objectives.homography import validation_grid
 from markergen.validation.metrics import (
@@ -24,7 +24,7 @@ SQUARE = np.array([[0.1, 0.1, 0], [-0.1, 0.1, 0], [-0.1, -0.1, 0], [0.1, -0.1, 0
 
 
 def test_rotation_error_is_the_angle_between():
-    assert rotation_error_deg(turn_z(np.deg2rad([0.0, 30.0, -90.0])), np.eye(3)) == pytest.approx([0, 30, 90])
+    assert rotation_error_deg(rotation_z(np.deg2rad([0.0, 30.0, -90.0])), np.eye(3)) == pytest.approx([0, 30, 90])
 
 
 def test_translation_error_is_relative_to_the_distance():

@@ -128,10 +128,10 @@ def _nearest_distance(layouts: Array, other: Array) -> Array:
     """Lower estimate of D (B,) for many dots: whitened sets at every rotation, each dot to the nearest of the other."""
     angle = 2 * np.pi * np.arange(ANGLES_OF_MANY) / ANGLES_OF_MANY
     turns = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
-    turned = _orthonormal(other) @ turns
+    rotated = _orthonormal(other) @ turns
     distances = []
     for layout in layouts:
-        gaps = np.sum((_orthonormal(layout)[None, :, None] - turned[:, None]) ** 2, axis=-1).min(axis=-1)
+        gaps = np.sum((_orthonormal(layout)[None, :, None] - rotated[:, None]) ** 2, axis=-1).min(axis=-1)
         spread = np.sqrt(np.mean((layout - layout.mean(axis=0)) ** 2))
         distances.append(spread * np.sqrt(gaps.sum(axis=-1).min() / 2))
     return np.array(distances)

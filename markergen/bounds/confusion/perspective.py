@@ -275,7 +275,7 @@ def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
 
     A heuristic search over some of the permutations (see the module), tested against an exhaustive one.
     """
-    pool = scene.fit(*_turned(scene, at), rough=True)
+    pool = scene.fit(*_rotated(scene, at), rough=True)
     pool = _unique(pool.joined(_reassigned(scene, pool)))
     truth = Rivals(
         np.tile(scene.truth, (len(at), 1)), at, scene.poses.rotation[at], scene.poses.translation[at], np.zeros(len(at))
@@ -309,7 +309,7 @@ def representative(poses: PoseDistribution, count: int) -> Indices:
     return np.array(chosen, dtype=np.intp)
 
 
-def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
+def _rotated(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
     """Labelings (K, n) by rotations of the whitened set, the best `KEPT` at each pose; and their poses (K,)."""
     from scipy.optimize import linear_sum_assignment
 

@@ -241,8 +241,8 @@ class RivalFit(LeastSquares):
         axis, distance = rotation[:, :, 2], np.linalg.norm(translation, axis=-1)[:, None]
         cosine = _cos_tilt(rotation, translation)[:, None]
         toward = -translation / distance
-        by_shift = (cosine * toward - axis) / distance
-        by_pose = np.concatenate([np.cross(axis, toward), by_shift], axis=-1)
+        by_translation = (cosine * toward - axis) / distance
+        by_pose = np.concatenate([np.cross(axis, toward), by_translation], axis=-1)
         wall = np.where(cosine < self.edge_on, WALL_PX / self.edge_on * by_pose, 0.0)
         return np.concatenate([rows, wall[:, None]], axis=1)
 
@@ -270,8 +270,8 @@ def _starts(points: Array, rays: Array, edge_on: float) -> tuple[list[tuple[Arra
     side = np.cross(np.array([0.0, 1.0, 0.0]), forward)
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     view = np.stack([side, np.cross(forward, side), forward], axis=1)
-    turned = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ view.swapaxes(-1, -2)
-    flat = turned[..., :2] / turned[..., 2:]
+    rotated = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ view.swapaxes(-1, -2)
+    flat = rotated[..., :2] / rotated[..., 2:]
     middle = points.mean(axis=0)
     affine = np.linalg.pinv(points[:, :2] - middle[:2]) @ (flat - flat.mean(axis=1, keepdims=True))
     left, values, right = np.linalg.svd(affine.swapaxes(-1, -2))

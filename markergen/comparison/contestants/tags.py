@@ -150,8 +150,8 @@ class TagBody(Contestant):
         points = plate.to_marker(self.points[ids])
         points[np.abs(points) < 1e-9 * self.body.radius] = 0.0
         rotation, translation = pose_of(points, pixels, camera)
-        turned = rotation @ plate.rotation_matrix.T
-        return turned, translation - turned @ plate.translation_vector
+        rotated = rotation @ plate.rotation_matrix.T
+        return rotated, translation - rotated @ plate.translation_vector
 
 
 def _largest_square(region: Region) -> float:

@@ -169,7 +169,7 @@ class RadialModel(LensModel):
 
     def map(self, x: Array, y: Array, coefficients: Coefficients) -> tuple[Array, Array]:
         """See `LensModel.map`."""
-        return _shift(x, y, self.scale(x * x + y * y, coefficients), *self.tangential(coefficients))
+        return _displaced(x, y, self.scale(x * x + y * y, coefficients), *self.tangential(coefficients))
 
     def gradient(self, x: Array, y: Array, coefficients: Coefficients) -> Jacobian:
         """See `LensModel.gradient`."""
@@ -208,7 +208,7 @@ class RadialModel(LensModel):
     def place(self, x: Array, y: Array, square: Array, coefficients: Coefficients) -> tuple[Array, Array, list[Array]]:
         """See `LensModel.place`."""
         scale, slope = self.scale_and_slope(square, coefficients)
-        return *_shift(x, y, scale, *self.tangential(coefficients)), [scale, slope]
+        return *_displaced(x, y, scale, *self.tangential(coefficients)), [scale, slope]
 
     def gradient_from(self, x: Array, y: Array, intermediate: Sequence[Array], coefficients: Coefficients) -> Jacobian:
         """See `LensModel.gradient_from`."""
@@ -253,7 +253,7 @@ def first_root(ascending: ArrayLike) -> float:
     return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
 
 
-def _shift(x: Array, y: Array, scale: Array, p1: float, p2: float) -> tuple[Array, Array]:
+def _displaced(x: Array, y: Array, scale: Array, p1: float, p2: float) -> tuple[Array, Array]:
     if not (p1 or p2):
         return scale * x, scale * y
     square = x * x + y * y

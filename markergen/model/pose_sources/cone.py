@@ -9,7 +9,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, brief
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
 from markergen.units import parse_length
 
@@ -142,7 +142,7 @@ class Cone:
         axis = np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1)
         # The camera's axes, as columns in the marker frame, are those of the frontal one turned by exp(tilt axis).
         swung = np.diag([1.0, -1.0, -1.0]) @ exponential(-tilt[:, None] * axis)
-        return turn_z(np.deg2rad(roll)) @ swung, np.stack([zero, zero, distance], axis=-1)
+        return rotation_z(np.deg2rad(roll)) @ swung, np.stack([zero, zero, distance], axis=-1)
 
     def _unit_cube(self, dimension: int) -> Array:
         """Points (count, dimension) that fill the unit cube."""

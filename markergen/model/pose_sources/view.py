@@ -76,8 +76,8 @@ class ViewCone:
             rotation, translation = self.cone.at(cube[:, :4])
             ray = camera.from_pixels(free - 0.5 + cube[:, 4:] * (size - 2 * free))
             reached = np.isfinite(ray).all(axis=-1)
-            turned = _turn_to(ray[reached])
-            rotation, translation = turned @ rotation[reached], (turned @ translation[reached, :, None])[..., 0]
+            to_ray = _rotation_to(ray[reached])
+            rotation, translation = to_ray @ rotation[reached], (to_ray @ translation[reached, :, None])[..., 0]
             seen = slice(None) if points is None else self._sees(points, rotation, translation, camera, free)
             kept.append((rotation[seen], translation[seen]))
             count += len(kept[-1][0])
@@ -101,7 +101,7 @@ class ViewCone:
         return np.asarray(seen & inside.all(axis=(-2, -1)))
 
 
-def _turn_to(ray: Array) -> Array:
+def _rotation_to(ray: Array) -> Array:
     """Rotations (P, 3, 3) that turn the optical axis, by the shortest way, to rays (P, 2) of normalized coordinates."""
     length = np.linalg.norm(ray, axis=-1)
     # From the axis z to (x, y, 1) about (-y, x, 0), by the angle whose tangent is the length.

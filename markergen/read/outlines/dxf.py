@@ -371,7 +371,7 @@ def _arc(entity: Any, file: OutlineFile, name: str) -> Parts:
     if entity.dxftype() == "CIRCLE":
         return [Arc(center, u, v)], True
     start, end = np.radians(float(entity.dxf.start_angle)), np.radians(float(entity.dxf.end_angle))
-    return [Arc(center, u, v, float(start), _turn(start, end))], False
+    return [Arc(center, u, v, float(start), _angle_between(start, end))], False
 
 
 def _ellipse(entity: Any, *_: object) -> Parts:
@@ -380,7 +380,7 @@ def _ellipse(entity: Any, *_: object) -> Parts:
     # A DXF gives the major axis, and the minor one as a ratio of it.
     v = np.cross(normal / np.linalg.norm(normal), u) * float(entity.dxf.ratio)
     start, end = float(entity.dxf.start_param), float(entity.dxf.end_param)
-    angle = _turn(start, end)
+    angle = _angle_between(start, end)
     # A full ellipse is written as 0 to 2 pi, with varying precision.
     whole = abs(angle - 2 * np.pi) < 1e-6
     return [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else angle)], whole
@@ -450,7 +450,7 @@ def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> Part
     return [bulge(start[:2], end[:2], float(start[2])).mapped(lift) for start, end in steps], closed
 
 
-def _turn(start: float, end: float) -> float:
+def _angle_between(start: float, end: float) -> float:
     """Angle from start to end, counterclockwise, above 0 and at most a full turn."""
     # Written so that equal angles give a full turn, as an arc of a DXF has them.
     return float(2 * np.pi - (start - end) % (2 * np.pi))

@@ -332,8 +332,8 @@ def dome_plots(
             for place, size in zip(places.round(5).tolist(), sizes, strict=True)
         ]
         if _seen(normal)[2] > 0:
-            turned = circle @ plate.rotation_matrix.T
-            faces.append((rings, [place + size * turned for place, size in zip(places, sizes, strict=True)]))
+            rotated = circle @ plate.rotation_matrix.T
+            faces.append((rings, [place + size * rotated for place, size in zip(places, sizes, strict=True)]))
     centers = eyes_of(poses)
     hardest = [int(np.argmax(np.nan_to_num(values, posinf=-1))) for values in errors.values()]
     every = -(-len(centers) // _MOST_TO_TURN)

@@ -23,7 +23,7 @@ from markergen.drawing.scene import (
     frame_lines,
     polygon,
     rectangle,
-    turned,
+    rotated,
 )
 from markergen.drawing.text import SHIFT, text, text_width
 from markergen.geometry.contour import Contour, area, flattened
@@ -120,7 +120,7 @@ def lettering(
     path = text(label, x, y, height, align, face, color, name)
     back = SHIFT[align] * text_width(label, height, face)
     start = (x, y - back) if upright else (x - back, y)
-    segments = (turned(path, x, y) if upright else path).segments
+    segments = (rotated(path, x, y) if upright else path).segments
     return Lettering(segments, name, color, label, start, height, upright, face)
 
 
@@ -151,8 +151,10 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     rings = [view.trace(contour) for contour in face.contours]
     # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
     outer = [sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0 for ring in rings]
-    turns = [area(contour) > 0 for contour in face.contours]
-    ways = (r if turn == whole else r[::-1] for r, turn, whole in zip(rings, turns, outer, strict=True))
+    are_positive = [area(contour) > 0 for contour in face.contours]
+    ways = (
+        r if is_positive == whole else r[::-1] for r, is_positive, whole in zip(rings, are_positive, outer, strict=True)
+    )
     shapes: list[Shape] = [filled(ways, "", fill)]
     if hatched:
         return shapes + hatching(face, view, style or Style())

@@ -415,7 +415,7 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
     below, aside = bottom - first, left - first
 
-    def said(size: float) -> str:
+    def label(size: float) -> str:
         return f"({millimeters(size)})" if work.listed else millimeters(size)
 
     if not work.round:
@@ -423,7 +423,7 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
         low, foot = around(work.front)[:2]
         for letter, axis, end in (("C", 0, low), ("B", 1, foot)):
             at = edges[letter].at[axis] if letter in edges else end
-            size = f"[{exact(abs(at))}]" if letter in edges else said(abs(at))
+            size = f"[{exact(abs(at))}]" if letter in edges else label(abs(at))
             if abs(at) < SHORT:
                 continue
             if letter == "C":
@@ -433,9 +433,9 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
                 shapes += vertical_dimension(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
                 aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
-    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + said(width), style)
+    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + label(width), style)
     if not work.round:
-        shapes += vertical_dimension(bottom, top, aside, left, said(height), style)
+        shapes += vertical_dimension(bottom, top, aside, left, label(height), style)
     end = side.box(around(work.side))[2]
     end = end if end > right + SHORT else right
     shapes += stacked(work.heights, side, end, end + tier, tier, style)

@@ -95,7 +95,7 @@ def write_dxf(marker: Marker) -> bytes:
     paths = [(CUT, _path(contour)) for contour in cut]
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
     paths += [(ENGRAVE, _path(polygon(ring))) for ring in (designed.tag.outlines if designed.tag else ())]
-    paths += _told(designed)
+    paths += _uncut(designed)
     box = _box(np.array([point for layer, path in paths if layer == CUT for point in _extent(path)]))
     return _write(designed, CutDrawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
 
@@ -119,7 +119,7 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
     paths += [(ENGRAVE, path) for _, disk in dots for path in _circles(disk)]
     marks = [body for body in made.marked if isinstance(body, Prism)]
     paths += [(ENGRAVE, path) for body in marks for path in (body.outer, *body.holes)]
-    paths += _told(designed)
+    paths += _uncut(designed)
     labels = [
         (f"{dot.id}, z = {format_length(dot.z / 1e3)}" if dot.raised else str(dot.id), disk) for dot, disk in dots
     ]
@@ -178,7 +178,7 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     write(note, left, bottom - NOTE * size, size * min(1.0, 60 / len(note)), TextEntityAlignment.LEFT)
 
 
-def _told(marker: Marker) -> list[tuple[str, Contour]]:
+def _uncut(marker: Marker) -> list[tuple[str, Contour]]:
     """Countersinks and keep-outs, which are not cut."""
     sinks = [hole.rim for hole in marker.substrate.holes if hole.sink]
     return [(INFO, path) for shape in (*sinks, *marker.keep_outs) for path in _paths(shape)]

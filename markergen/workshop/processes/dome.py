@@ -75,12 +75,12 @@ def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: flo
         cut.append(cylinder(dot.x, dot.y, plug + gap, bottom, dot.z))
         r, inner, z = dot.radius, dot.inner, dot.z
         if inner:
-            ring = _turned(dot, (inner, z), (r, z, acos(inner / r)), (inner, z + _rise(r, inner)))
+            ring = _revolved(dot, (inner, z), (r, z, acos(inner / r)), (inner, z + _rise(r, inner)))
             over = (plug, z + _rise(r, plug), asin(plug / r))
-            core = _turned(dot, (0.0, bottom), (plug, bottom), over, (0.0, z + r))
+            core = _revolved(dot, (0.0, bottom), (plug, bottom), over, (0.0, z + r))
             parts += [Part(dot.name, "dark", (ring,)), Part(f"{dot.name}-core", "light", (core,))]
         else:
-            half = _turned(dot, (0.0, bottom), (plug, bottom), (plug, z), (r, z, pi / 2), (0.0, z + r))
+            half = _revolved(dot, (0.0, bottom), (plug, bottom), (plug, z), (r, z, pi / 2), (0.0, z + r))
             parts.append(Part(dot.name, "dark", (half,)))
     in_tag, tag_pockets = tag_inlays(marker, cutting)
     return Made(
@@ -118,14 +118,14 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
         foot = ((0.0, bottom), (neck, bottom))
         if inner:
             half, rise = acos(inner / r), _rise(r, inner)
-            ring = _turned(dot, (inner, z - rise, half), (r, z, half), (inner, z + rise))
+            ring = _revolved(dot, (inner, z - rise, half), (r, z, half), (inner, z + rise))
             wide = inner - gap
             under = (neck, z - _rise(r, neck), acos(neck / r) - acos(wide / r))
             over = (wide, z + _rise(r, wide), asin(wide / r))
-            core = _turned(dot, *foot, under, (wide, z - _rise(r, wide)), over, (0.0, z + r))
+            core = _revolved(dot, *foot, under, (wide, z - _rise(r, wide)), over, (0.0, z + r))
             parts += [Part(dot.name, "dark", (ring,)), Part(f"{dot.name}-core", "light", (core,))]
         else:
-            ball = _turned(dot, *foot, (neck, z - _rise(r, neck), acos(neck / r)), (r, z, pi / 2), (0.0, z + r))
+            ball = _revolved(dot, *foot, (neck, z - _rise(r, neck), acos(neck / r)), (r, z, pi / 2), (0.0, z + r))
             parts.append(Part(dot.name, "dark", (ball,)))
     check_apart(marker, plate_of(marker), prints, cutting.tool)
     return Made(
@@ -137,7 +137,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     )
 
 
-def _turned(dot: SolidDot, *corners: tuple[float, ...]) -> Revolved:
+def _revolved(dot: SolidDot, *corners: tuple[float, ...]) -> Revolved:
     """Body of revolution about a dot's axis: radii and heights, and angles in rad of the arcs that begin there."""
     bulges = (tan(corner[2] / 4) if len(corner) > 2 else 0.0 for corner in corners)
     return Revolved(dot.x, dot.y, Contour(tuple((r, z) for r, z, *_ in corners), tuple(bulges)))

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from markergen_paper.results import aligned, best_square_misfit, least_gap, mirror_misfit, square_misfit, typical
 
-from markergen.maths.rotation import turn_z
+from markergen.maths.rotation import rotation_z
 from markergen.objectives.criteria import regular_polygon
 
 
 def test_a_square_is_one_wherever_it_is_and_in_any_order():
     rng = np.random.default_rng(0)
     for _ in range(20):
-        turn = turn_z(rng.uniform(0, 7))[:2, :2]
+        turn = rotation_z(rng.uniform(0, 7))[:2, :2]
         square = rng.permutation(regular_polygon(4, rng.uniform(0.01, 1)) @ turn) + rng.normal(size=2)
         # The root of a rounding error.
         assert square_misfit(square) < 1e-6
@@ -23,7 +23,7 @@ def test_misfit_is_the_rms_distance_of_the_corners():
     moved = square.copy()
     moved[0] *= 1 + d
     assert square_misfit(moved) == pytest.approx(np.sqrt(2) * d / 4, rel=0.01)
-    rectangle = square @ turn_z(np.pi / 4)[:2, :2] * [1.0, 0.5]
+    rectangle = square @ rotation_z(np.pi / 4)[:2, :2] * [1.0, 0.5]
     # Of sides 2:1 the square of the mean side is left, and half their difference is off: 0.25 / sqrt(0.75^2 + 0.25^2).
     assert square_misfit(rectangle) == pytest.approx(1 / np.sqrt(10), rel=1e-6)
     assert square_misfit(np.array([[0.0, 0], [1, 0], [2, 0], [3, 0]])) > 0.5
@@ -38,7 +38,7 @@ def test_five_points_hold_the_square_that_is_in_them():
 @pytest.mark.parametrize("n", [4, 5])
 def test_aligned_layouts_lie_on_one_another(n):
     rng = np.random.default_rng(1)
-    turned = np.stack([regular_polygon(n, 0.15) @ turn_z(angle)[:2, :2] for angle in rng.uniform(0, 7, 50)])
+    turned = np.stack([regular_polygon(n, 0.15) @ rotation_z(angle)[:2, :2] for angle in rng.uniform(0, 7, 50)])
     placed = aligned(turned)
     first = placed[0]
     distance = np.linalg.norm(placed[:, :, None] - first, axis=-1).min(axis=2)
@@ -64,7 +64,7 @@ def test_least_gap():
 
 def test_mirror_images():
     for n in (4, 5, 8):
-        assert mirror_misfit(regular_polygon(n, 0.15) @ turn_z(0.3)[:2, :2] + [0.2, 0.1]) < 1e-9
+        assert mirror_misfit(regular_polygon(n, 0.15) @ rotation_z(0.3)[:2, :2] + [0.2, 0.1]) < 1e-9
     kite = np.array([[0.0, 1], [0.4, 0.2], [-0.4, 0.2], [0, -1]])
     assert mirror_misfit(kite) < 1e-9
     # A parallelogram has no axis; one turned by half is itself, which is another symmetry.
