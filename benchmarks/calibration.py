@@ -63,10 +63,10 @@ def pose_error(made: SimulatedSet, network: Network, places: Array, camera: Came
     kept = np.isfinite(seen).all(axis=(1, 2)) & made.camera.sees(pixels).all(axis=1)
     seen, rotation, translation = seen[kept], rotation[kept], translation[kept]
     weight = np.broadcast_to(np.eye(2), (*seen.shape, 2))
-    found = refine_poses(places, np.zeros(len(places)), seen, weight, rotation, translation, steps=30)
-    turned = np.rad2deg(angle_between(found[0], rotation))
-    moved = 1e3 * np.linalg.norm(found[1] - translation, axis=1)
-    return float(np.sqrt(np.mean(turned**2))), float(np.sqrt(np.mean(moved**2)))
+    refined = refine_poses(places, np.zeros(len(places)), seen, weight, rotation, translation, steps=30)
+    rotated = np.rad2deg(angle_between(refined[0], rotation))
+    moved = 1e3 * np.linalg.norm(refined[1] - translation, axis=1)
+    return float(np.sqrt(np.mean(rotated**2))), float(np.sqrt(np.mean(moved**2)))
 
 
 def spoiled(views: Views, rng: np.random.Generator) -> Views:
@@ -85,8 +85,8 @@ def accuracy(n: int, photos: int, sets: int) -> list[tuple[str, float, float, fl
         made = one_set(design, photos, rng)
         held = made.network()
         errors.setdefault("as designed", []).append(pose_error(made, held, design, made.camera))
-        known = adjust_robustly(held, made.views).adjustment
-        errors.setdefault("camera known", []).append(pose_error(made, held, known.places, made.camera))
+        reference = adjust_robustly(held, made.views).adjustment
+        errors.setdefault("camera known", []).append(pose_error(made, held, reference.places, made.camera))
         false = adjust_robustly(held, spoiled(made.views, rng)).adjustment
         errors.setdefault("camera known, 5 % of false dots", []).append(
             pose_error(made, held, false.places, made.camera)
@@ -96,9 +96,9 @@ def accuracy(n: int, photos: int, sets: int) -> list[tuple[str, float, float, fl
         errors.setdefault("camera unknown, and used", []).append(pose_error(made, held, unknown.places, unknown.camera))
     rows = []
     for case, values in errors.items():
-        turned, moved = np.array(values).T
-        mean = np.mean(turned**2)
-        sigma = np.std(turned**2) / np.sqrt(sets) / (2 * np.sqrt(mean))
+        rotated, moved = np.array(values).T
+        mean = np.mean(rotated**2)
+        sigma = np.std(rotated**2) / np.sqrt(sets) / (2 * np.sqrt(mean))
         rows.append((case, float(np.sqrt(mean)), float(sigma), float(np.sqrt(np.mean(moved**2)))))
     return rows
 
@@ -106,12 +106,12 @@ def accuracy(n: int, photos: int, sets: int) -> list[tuple[str, float, float, fl
 def estimated(made: SimulatedSet) -> Adjustment:
     """Adjustment with an unknown camera, whose parameters left-out photographs choose."""
     network = made.network(CameraFreedom.of_names(ROUGH, UNKNOWN), ROUGH)
-    found = adjust_robustly(network, made.views).adjustment
-    choice = choose_camera(found.network, found.views, np.arange(len(found.views)), found.weights)
+    result = adjust_robustly(network, made.views).adjustment
+    choice = choose_camera(result.network, result.views, np.arange(len(result.views)), result.weights)
     if isinstance(choice, CameraChoice) and choice.names != UNKNOWN:
         network = replace(network, cameras=(choice.camera,), freedom=choice.freedom)
-        found = adjust_robustly(network, made.views).adjustment
-    return found
+        result = adjust_robustly(network, made.views).adjustment
+    return result
 
 
 def timed(call: Callable[[], float]) -> tuple[float, float]:
@@ -145,11 +145,11 @@ def by_scipy(network: Network, views: Views) -> float:
             pattern[rows, 6 * v + 3 * i : 6 * v + 3 * i + 3] = 1
             pattern[rows, 6 * v + 3 * n :] = 1
     start = np.zeros(6 * v + 3 * n + r)
-    found = least_squares(
+    result = least_squares(
         residuals, start, jac_sparsity=pattern, method="trf", x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12,
         max_nfev=100,
     )  # fmt: skip
-    return float(np.sqrt(2 * found.cost / (v * n)))
+    return float(np.sqrt(2 * result.cost / (v * n)))
 
 
 def by_opencv(network: Network, views: Views) -> float:
@@ -157,7 +157,7 @@ def by_opencv(network: Network, views: Views) -> float:
     # Dot 0, the one farthest from it and the height of the last define its frame and scale.
     far = 1 + int(np.argmax(np.linalg.norm(network.design[1:-1] - network.design[0], axis=1)))
     points = [network.design.astype(np.float32)] * len(views)
-    pixels = [each.astype(np.float32) for each in views.pixels]
+    pixels = [pixel.astype(np.float32) for pixel in views.pixels]
     camera = network.camera
     # OpenCV 5 frees the sensor's tilt unless told, and its faster solver fails where dots are free.
     flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_USE_INTRINSIC_GUESS
@@ -207,8 +207,8 @@ def main() -> None:
     options = parser.parse_args()
     print("dots photographs case: rotation deg +- standard error, translation mm")
     for n in options.n:
-        for case, turned, sigma, moved in accuracy(n, options.photos, options.sets):
-            print(f"{n:3d} {options.photos:3d}  {case}: {turned:.4f} +- {sigma:.4f} deg, {moved:.4f} mm")
+        for case, rotated, sigma, moved in accuracy(n, options.photos, options.sets):
+            print(f"{n:3d} {options.photos:3d}  {case}: {rotated:.4f} +- {sigma:.4f} deg, {moved:.4f} mm")
     if not options.skip_peers:
         print("\ndots photographs solver: seconds, RMS px")
         for n, photos in ((24, 40), (336, 15)):

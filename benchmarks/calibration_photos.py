@@ -47,9 +47,9 @@ class Row:
         detector = Detector(used, camera)
         for image, true in zip(fresh.images, rotation, strict=True):
             self.shown += 1
-            found = detector(image)
-            if found and found[0].rotation is not None:
-                self.detected.append(float(np.rad2deg(angle_between(found[0].rotation, true))))
+            findings = detector(image)
+            if findings and findings[0].rotation is not None:
+                self.detected.append(float(np.rad2deg(angle_between(findings[0].rotation, true))))
 
     def __str__(self) -> str:
         squares = np.square(self.exact)
@@ -76,7 +76,7 @@ class Fresh:
 def rendered(printed: Marker, rotation: Array, translation: Array, rng: np.random.Generator) -> list[NDArray[np.uint8]]:
     """Photographs of a print."""
     poses = zip(rotation, translation, strict=True)
-    return [np.asarray(render_view(printed, CAMERA, turn, place, Optics(), rng)) for turn, place in poses]
+    return [np.asarray(render_view(printed, CAMERA, R, place, Optics(), rng)) for R, place in poses]
 
 
 def errors(n: int, photos: int, sets: int, views: int, cameras: Sequence[str]) -> dict[str, Row]:
@@ -91,10 +91,12 @@ def errors(n: int, photos: int, sets: int, views: int, cameras: Sequence[str]) -
         held = made.network()
         rows.setdefault("as designed", Row()).add(made, held, design, CAMERA, fresh)
         for case in cameras:
-            found = mg.calibrate(design, images, CAMERA if case == "camera known" else None, workers=1)
-            rows.setdefault(case, Row()).add(made, held, found.markers[0], CAMERA, fresh)
+            calibration = mg.calibrate(design, images, CAMERA if case == "camera known" else None, workers=1)
+            rows.setdefault(case, Row()).add(made, held, calibration.markers[0], CAMERA, fresh)
             if case == "camera unknown":
-                rows.setdefault(f"{case}, and used", Row()).add(made, held, found.markers[0], found.camera, fresh)
+                rows.setdefault(f"{case}, and used", Row()).add(
+                    made, held, calibration.markers[0], calibration.camera, fresh
+                )
     return rows
 
 

@@ -122,9 +122,9 @@ def photographed(
     bent: Array | float = 0.0,
 ) -> SimulatedSet:
     """Photographs of dots at `true` from given poses, with noise of `sigma` px and approximate poses."""
-    each = np.repeat(true[None], len(rotation), axis=0)
-    each[..., 2] += bent
-    place = each @ rotation.swapaxes(-1, -2) + translation[:, None]
+    item = np.repeat(true[None], len(rotation), axis=0)
+    item[..., 2] += bent
+    place = item @ rotation.swapaxes(-1, -2) + translation[:, None]
     pixels = camera.to_pixels(place[..., :2] / place[..., 2:])
     pixels = pixels + rng.normal(0, sigma, pixels.shape)
     v, n = pixels.shape[:2]
@@ -167,11 +167,11 @@ def in_gauge(network: Network, places: Array, rotation: Array, translation: Arra
         matrix = np.array([column.ravel() for column in columns]).T
         off = gauge.T @ (network.design - places).ravel()
         step = np.linalg.solve(gauge.T @ matrix, off)
-        turn, factor = exponential(step[3:6]), 1 + step[6] if scaled else 1.0
+        R, factor = exponential(step[3:6]), 1 + step[6] if scaled else 1.0
         # X' = s T (X - m) + m + d, so R X + t = (R T') X'/s + ..., and the camera sees s times all of it.
-        moved = factor * centered @ turn.T + middle + step[:3]
-        rotation = rotation @ turn.T
-        translation = factor * translation + factor * (rotation @ turn @ middle) - rotation @ (middle + step[:3])
+        moved = factor * centered @ R.T + middle + step[:3]
+        rotation = rotation @ R.T
+        translation = factor * translation + factor * (rotation @ R @ middle) - rotation @ (middle + step[:3])
         places = moved
     return places, rotation, translation
 
@@ -188,25 +188,27 @@ def wrong_camera(rng: np.random.Generator, sigma: Array, camera: Camera = CAMERA
     return moved_camera(camera, rng.normal(0, 1, len(sigma)) * sigma), CameraFreedom.of_covariance(np.diag(sigma**2))
 
 
-def claims(made: SimulatedSet, found: Adjustment, rng: np.random.Generator, sigma: float = 0.03) -> tuple[float, float]:
+def claims(
+    made: SimulatedSet, result: Adjustment, rng: np.random.Generator, sigma: float = 0.03
+) -> tuple[float, float]:
     """NEES per degree of freedom of the measured dots, and of the pose of a fresh view that is fitted with them.
 
     The covariance of the pose is that of its image noise, and of dots and camera together (see `working_error`).
     """
-    network, n = found.network, len(made.design)
+    network, n = result.network, len(made.design)
     rotation, translation = hand_held(1, rng, made.design, made.camera)
     places, rotations, translations = in_gauge(network, made.true, rotation, translation)
     gauge = network.gauge(network.design).shape[1]
-    dots = nees((found.places - places).ravel(), found.covariance, 3 * n - gauge)
+    dots = nees((result.places - places).ravel(), result.covariance, 3 * n - gauge)
     fresh = photographed(made.design, made.true, rotation, translation, rng, sigma, made.camera)
     held = replace(
-        network, design=found.places, cameras=found.cameras, freedom=CameraFreedom.held(found.camera), free=False
+        network, design=result.places, cameras=result.cameras, freedom=CameraFreedom.held(result.camera), free=False
     )
     start = replace(fresh.views, rotation=rotations, translation=translations)
     pose = adjust(held, start).views
-    told = sensitivity(found.places, found.camera, pose.rotation, pose.translation, sigma, np.zeros((n, 3, 3)))
-    spread = told.image[0] + told.transfer[0] @ found.joint @ told.transfer[0].T
-    turned = logarithm(pose.rotation[0] @ rotations[0].T)
-    off = np.concatenate([turned, pose.translation[0] - translations[0]])
+    output = sensitivity(result.places, result.camera, pose.rotation, pose.translation, sigma, np.zeros((n, 3, 3)))
+    spread = output.image[0] + output.transfer[0] @ result.joint @ output.transfer[0].T
+    rotated = logarithm(pose.rotation[0] @ rotations[0].T)
+    off = np.concatenate([rotated, pose.translation[0] - translations[0]])
     scale = np.sqrt(np.diag(spread))
     return dots, nees(off / scale, spread / scale / scale[:, None], 6)

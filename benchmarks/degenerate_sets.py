@@ -91,17 +91,17 @@ def judged(made: SimulatedSet, names: tuple[str, ...]) -> tuple[str, float, floa
     freedom = CameraFreedom.of_names(ROUGH, names) if names else None
     network = made.network(freedom, ROUGH if names else CAMERA)
     try:
-        found = adjust(network, made.views)
-        opened = findings(found)
+        adjustment = adjust(network, made.views)
+        opened = findings(adjustment)
     except (UndeterminedError, np.linalg.LinAlgError):
         return explain(network, made.views)[0].what, np.nan, np.nan, np.nan
     if refusal(opened) is not None:
         return opened[0].what, np.nan, np.nan, np.nan
     true, _, _ = in_gauge(network, made.true, made.rotation, made.translation)
-    error = (found.places - true).ravel()
+    error = (adjustment.places - true).ravel()
     rank = error.size - network.gauge(network.design).shape[1]
-    claimed = float(np.sqrt(np.trace(found.covariance) / error.size))
-    return "", 1e3 * claimed, 1e3 * float(np.sqrt(np.mean(error**2))), nees(error, found.covariance, rank)
+    claimed = float(np.sqrt(np.trace(adjustment.covariance) / error.size))
+    return "", 1e3 * claimed, 1e3 * float(np.sqrt(np.mean(error**2))), nees(error, adjustment.covariance, rank)
 
 
 def row(n: int, take: Take, names: tuple[str, ...], sets: int) -> str:

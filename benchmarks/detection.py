@@ -168,7 +168,7 @@ def rendered(camera: Camera, options: Any) -> Rows:
         image, centers = grid_scene(camera, placed, behind, k)
         for label, detect in (("markergen, grid of 20", partial(ours, grid)), ("cv2.findCirclesGrid", circles_grid)):
             score(scores, label).run(partial(half_turned, detect, image, centers), centers)
-    return {name: each.row() for name, each in scores.items()}
+    return {name: item.row() for name, item in scores.items()}
 
 
 def bodies(camera: Camera, options: Any) -> Rows:
@@ -207,7 +207,7 @@ def bodies(camera: Camera, options: Any) -> Rows:
             points = rigs.corners_of(tags).reshape(-1, 3) if body is tags else body.xyz
             pixels = camera.project(points, rotation[None], translation[None])[0]
             score(scores, name).run(partial(detects[name], image), pixels)
-    return relative({name: each.row() for name, each in scores.items()}, "one marker with a tag")
+    return relative({name: item.row() for name, item in scores.items()}, "one marker with a tag")
 
 
 def plain_plate(k: int) -> mg.Marker:
@@ -315,7 +315,7 @@ def score(scores: dict[str, Score], label: str) -> Score:
 
 
 def ours(detector: Any, image: Image, **options: Any) -> Sight:
-    hits = [each for each in detector(image, **options) if each.ok]
+    hits = [item for item in detector(image, **options) if item.ok]
     return (hits[0].ids.tolist(), hits[0].pixels) if hits else None
 
 
@@ -323,8 +323,8 @@ def track(scores: dict[str, Score], label: str, detector: Any, scene: scenes.Sce
     """Time the frame after a scene, in which the marker has moved by about a percent of the distance and a degree."""
     previous = detector(scene.image)
     rng = np.random.default_rng([k, 3])
-    turned = exponential(rng.normal(0, 0.01, 3)) @ scene.rotation
-    moved = turned, scene.translation + rng.normal(0, 0.01, 3) * scene.translation[2]
+    rotated = exponential(rng.normal(0, 0.01, 3)) @ scene.rotation
+    moved = rotated, scene.translation + rng.normal(0, 0.01, 3) * scene.translation[2]
     after = scenes.view(scene.marker, scene.camera, moved, rng, Optics(), behind)
     score(scores, label).run(partial(ours, detector, after.image, near=previous), after.pixels)
 
@@ -465,7 +465,7 @@ def starts(_: Any) -> dict[str, Rows]:
         }
         times = [{name: seconds(code, folder) for name, code in codes.items()} for _ in range(5)]
     # The first of them compiles to bytecode.
-    return {"import and first call": {name: {"CPU s": min(each[name] for each in times[1:])} for name in codes}}
+    return {"import and first call": {name: {"CPU s": min(time[name] for time in times[1:])} for name in codes}}
 
 
 PARTS: dict[str, Callable[[Any], dict[str, Rows]]] = {

@@ -49,8 +49,8 @@ def add_photos(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--photos", default=os.environ.get("MARKERGEN_PHOTOS"), help="folder of labeled photographs")
 
 
-def photos(given: str | None) -> Path | None:
-    return Path(given) if given and Path(given).is_dir() else None
+def photos(stated: str | None) -> Path | None:
+    return Path(stated) if stated and Path(stated).is_dir() else None
 
 
 def dots(folder: Path) -> Rows:
@@ -60,7 +60,7 @@ def dots(folder: Path) -> Rows:
         detector = _detector(folder / kind, [folder / kind / "marker.json"])
         gaps = list[Array]()
         for path, labels in labeled(folder / kind):
-            places = [np.array(each[key]) for each in labels for key in each if key.startswith("centres")]
+            places = [np.array(label[key]) for label in labels for key in label if key.startswith("centres")]
             centers = np.asarray(detector.dots(read(path)))
             gaps.append(nearest(np.concatenate(places), centers))
             rows[f"{kind} {path.name}"] = {**_row(gaps[-1]), "dots": len(centers)}
@@ -76,11 +76,11 @@ def markers(folder: Path) -> Rows:
     detector = _detector(home, files)
     rows: Rows = {}
     for path, (labels,) in labeled(home):
-        results = {k: [each for each in detector(read(path)) if numbers[each.index] == k] for k in numbers}
-        for each in labels["markers"]:
-            label = f"{path.name} marker {each['marker_id']}, {each['n_dots_matched']} dots"
-            rows[label] = _marker_row(results.pop(each["marker_id"]), each)
-        extra = [k for k, found in results.items() if any(result.ok for result in found)]
+        results = {k: [item for item in detector(read(path)) if numbers[item.index] == k] for k in numbers}
+        for item in labels["markers"]:
+            label = f"{path.name} marker {item['marker_id']}, {item['n_dots_matched']} dots"
+            rows[label] = _marker_row(results.pop(item["marker_id"]), item)
+        extra = [k for k, finding in results.items() if any(result.ok for result in finding)]
         rows[f"{path.name} absent markers"] = {"found": len(extra), "reason": f"found {extra}" if extra else ""}
     home = folder / "dual_asymmetric"
     for path, _ in labeled(home):
@@ -138,8 +138,8 @@ def _flange(path: Path) -> Array:
 def labeled(folder: Path) -> Iterator[tuple[Path, list[Any]]]:
     """Images of a folder with the entries of its labels.json; one without an image's name belongs to the one before."""
     images: dict[str, list[Any]] = {}
-    for each in json.loads((folder / "labels.json").read_text()):
-        images.setdefault(each.get("image", next(reversed(images), "")), []).append(each)
+    for item in json.loads((folder / "labels.json").read_text()):
+        images.setdefault(item.get("image", next(reversed(images), "")), []).append(item)
     for name, entries in images.items():
         yield folder / name, entries
 
@@ -166,17 +166,17 @@ def _row(gap: Array) -> dict[str, Any]:
     return {"labeled": len(gap), "hit": len(hit), "hit %": 100 * len(hit) / len(gap), **error}
 
 
-def _marker_row(found: list[mg.Found], label: Any) -> dict[str, Any]:
-    hits = [each for each in found if each.ok]
+def _marker_row(findings: list[mg.Found], label: Any) -> dict[str, Any]:
+    hits = [hit for hit in findings if hit.ok]
     places = dict(zip(label["dot_index"], np.array(label["dot_px"]), strict=True))
     gaps = [
         float(np.linalg.norm(pixel - places[int(k)]))
-        for each in hits for k, pixel in zip(each.ids, each.pixels, strict=True) if int(k) in places
+        for hit in hits for k, pixel in zip(hit.ids, hit.pixels, strict=True) if int(k) in places
     ]  # fmt: skip
     wrong = bool(hits) and (len(hits) > 1 or not gaps or max(gaps) > WRONG_PX)
     return {
         "found": int(bool(hits)), "wrong": int(wrong), "dots": len(hits[0].ids) if hits else 0,
-        "median px": float(np.median(gaps)) if gaps else np.nan, "reason": "" if hits else found[0].reason,
+        "median px": float(np.median(gaps)) if gaps else np.nan, "reason": "" if hits else findings[0].reason,
     }  # fmt: skip
 
 

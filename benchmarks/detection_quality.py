@@ -123,8 +123,8 @@ def labels(share: float, keep: Path | None) -> dict[str, Rows]:
     for k in range(round(5000 * share)):
         kind, scene = mixed(k)
         verdicts.setdefault(kind, []).append(see(scene, keep, f"labels-{k}")[0])
-    every = [each for group in verdicts.values() for each in group]
-    reasons = Counter(re.sub(r"\d+", "#", each.reason) for each in every if not each.found)
+    every = [item for group in verdicts.values() for item in group]
+    reasons = Counter(re.sub(r"\d+", "#", item.reason) for item in every if not item.found)
     rows = {kind: summary(group) for kind, group in [*verdicts.items(), ("all", every)]}
     return {"labels": rows, "refused": {reason: {"views": count} for reason, count in reasons.most_common()}}
 
@@ -140,8 +140,8 @@ def empty(k: int) -> tuple[str, Image]:
         image = cv2.resize(rng.normal(128, 60, (shape[0] // (k % 5 + 1), shape[1] // (k % 5 + 1))), shape[::-1])
     elif kind == "checkerboard":
         y, x = np.indices(shape)
-        side, turn = rng.uniform(4, 60), rng.uniform(0, np.pi)
-        u, v = np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x
+        side, rotation = rng.uniform(4, 60), rng.uniform(0, np.pi)
+        u, v = np.cos(rotation) * x + np.sin(rotation) * y, np.cos(rotation) * y - np.sin(rotation) * x
         image = np.asarray(np.where((u // side + v // side) % 2 == 0, grey[0], grey[1]))
     elif kind == "gradient":
         image = np.add.outer(np.linspace(0, grey[0], shape[0]), np.linspace(0, 255 - grey[0], shape[1]))
@@ -214,13 +214,13 @@ def coverage(share: float, keep: Path | None) -> dict[str, Rows]:
     return {"coverage": rows}
 
 
-def _mahalanobis(found: mg.Found, scene: Scene) -> float:
+def _mahalanobis(result: mg.Found, scene: Scene) -> float:
     """Return the squared distance of the true pose in terms of the covariance, chi-square of 6 if that is right."""
-    assert found.rotation is not None
-    assert found.translation is not None
-    assert found.covariance is not None
-    error = np.append(logarithm(scene.rotation @ found.rotation.T), scene.translation - found.translation)
-    return float(error @ np.linalg.solve(found.covariance, error))
+    assert result.rotation is not None
+    assert result.translation is not None
+    assert result.covariance is not None
+    error = np.append(logarithm(scene.rotation @ result.rotation.T), scene.translation - result.translation)
+    return float(error @ np.linalg.solve(result.covariance, error))
 
 
 def small(share: float, keep: Path | None) -> dict[str, Rows]:
@@ -228,14 +228,14 @@ def small(share: float, keep: Path | None) -> dict[str, Rows]:
     for ringed in (True, False):
         marker = scenes.random_marker(16, ringed, seed=3, diameter=0.014)
         for size in DIAMETERS_PX:
-            distance, verdicts, near = CAMERA.fx * marker.dot_diameter / size, [], []
+            distance, verdicts, nearby = CAMERA.fx * marker.dot_diameter / size, [], []
             for k in range(max(round(50 * share), 1)):
                 rng = np.random.default_rng([5, ringed, int(10 * size), k])
                 placed = scenes.pose(CAMERA, rng, (distance, distance), (0, 30))
                 scene = scenes.view(marker, CAMERA, placed, rng)
                 verdicts.append(see(scene, keep, f"small-{size}-{ringed}-{k}")[0])
-                near.append(nearest(scene.pixels, np.asarray(detector_of(marker).dots(scene.image))) < 0.5)
-            located = {"dots located %": 100 * float(np.mean(near))}
+                nearby.append(nearest(scene.pixels, np.asarray(detector_of(marker).dots(scene.image))) < 0.5)
+            located = {"dots located %": 100 * float(np.mean(nearby))}
             rows[f"{size} px, {'ring' if ringed else 'no ring'}"] = summary(verdicts) | located
     return {"small dots": rows}
 
@@ -283,11 +283,11 @@ def _keep(folder: Path | None, name: str, image: Image, result: mg.Found) -> Non
 
 
 def summary(verdicts: list[Verdict]) -> dict[str, Any]:
-    right = [each for each in verdicts if each.found and not each.wrong]
-    error = np.concatenate([*(each.error_px for each in right), np.zeros(0)])
+    right = [verdict for verdict in verdicts if verdict.found and not verdict.wrong]
+    error = np.concatenate([*(verdict.error_px for verdict in right), np.zeros(0)])
     return {
-        "views": len(verdicts), "found %": 100 * sum(each.found for each in verdicts) / len(verdicts),
-        "wrong": sum(each.wrong for each in verdicts),
+        "views": len(verdicts), "found %": 100 * sum(verdict.found for verdict in verdicts) / len(verdicts),
+        "wrong": sum(verdict.wrong for verdict in verdicts),
         "median px": float(np.median(error)) if len(error) else np.nan,
         "95 % px": float(np.quantile(error, 0.95)) if len(error) else np.nan,
     }  # fmt: skip

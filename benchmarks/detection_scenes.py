@@ -102,9 +102,9 @@ def pose(
     rim = Circle(radius).rim(64)
     rim = np.column_stack([rim, np.zeros(len(rim))])
     while True:
-        tilt, (roll, turn) = np.deg2rad(rng.uniform(*tilt_deg)), rng.uniform(0, 2 * np.pi, 2)
+        tilt, (roll, angle) = np.deg2rad(rng.uniform(*tilt_deg)), rng.uniform(0, 2 * np.pi, 2)
         lean = exponential(np.array([np.pi - tilt, 0.0, 0.0]))
-        rotation = np.asarray(rotation_z(np.array(roll)) @ lean @ rotation_z(np.array(turn)))
+        rotation = np.asarray(rotation_z(np.array(roll)) @ lean @ rotation_z(np.array(angle)))
         ray = camera.from_pixels(rng.uniform(0, [camera.width, camera.height]))
         translation = np.append(ray, 1.0)
         # Tilts are relative to the line of sight only in the image center; elsewhere a few degrees more or less.
@@ -280,8 +280,8 @@ def _sensed(grey: Array, rng: np.random.Generator) -> Image:
 def _shadow(marker: Marker, camera: Camera, placed: Any, rng: np.random.Generator, scenery: Scenery) -> Image:
     """Half of the marker lies in a shadow of 35 to 70 % with an edge 2 to 20 px wide, straight through the marker."""
     grey, (x, y), middle = _lit(marker, camera, placed, rng, scenery), _grid(camera), _middle(camera, placed, rng)
-    turn = rng.uniform(0, 2 * np.pi)
-    across = (x - middle[0]) * np.cos(turn) + (y - middle[1]) * np.sin(turn)
+    rotation = rng.uniform(0, 2 * np.pi)
+    across = (x - middle[0]) * np.cos(rotation) + (y - middle[1]) * np.sin(rotation)
     dark, soft = rng.uniform(0.35, 0.7), rng.uniform(0.5, 5)
     return _sensed(grey * (1 - dark * (1 + np.tanh(across / soft / 2)) / 2), rng)
 
@@ -325,7 +325,7 @@ def judge(results: Sequence[mg.Found], scene: Scene) -> Verdict:
 
     Wrong is a labeling with a dot over 5 px from its place, or nearer to another dot's place; also a second find.
     """
-    hits = [each for each in results if each.ok]
+    hits = [result for result in results if result.ok]
     if not hits:
         return Verdict(False, False, results[0].reason, np.zeros(0))
     gaps = np.linalg.norm(hits[0].pixels[:, None] - scene.pixels, axis=-1)

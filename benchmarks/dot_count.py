@@ -91,9 +91,9 @@ def main() -> None:
 def row(spec: Spec, count: int) -> tuple[str, Marker]:
     """What is designed, promised and kept for one spec, and the marker."""
     begin = time.process_time()
-    found = design(spec)
+    actual = design(spec)
     seconds = time.process_time() - begin
-    marker, poses = found.marker, found.setting.poses
+    marker, poses = actual.marker, actual.setting.poses
     series = SyntheticViews(marker, spec.camera, poses, count, errors=ErrorSources(PRINT_SIGMA))
     off, seen, wrong, spent = list[float](), list[int](), 0, 0.0
     for k in range(count):
@@ -120,14 +120,14 @@ def beside(designs: dict[str, Marker], rivals: Sequence[str], count: int) -> lis
     results, cpu_s = compare_and_time(texts, count, print_sigma=PRINT_SIGMA, workers=1, given=designs)
     print("    beside                       found   RMS deg      95 % interval  ratio    bound  ms a view")
     first = results["contestants"][0]["pattern_bound"]["rotation_deg"]
-    for each in results["contestants"]:
-        error, ratio = each["rotation_deg"]["rms"], each["ratio"]["rotation_deg"]
-        low, high = each["interval"]["rotation_deg"] or (np.nan, np.nan)
-        each["bound_ratio"] = (each["pattern_bound"]["rotation_deg"] or np.nan) / first
+    for result in results["contestants"]:
+        error, ratio = result["rotation_deg"]["rms"], result["ratio"]["rotation_deg"]
+        low, high = result["interval"]["rotation_deg"] or (np.nan, np.nan)
+        result["bound_ratio"] = (result["pattern_bound"]["rotation_deg"] or np.nan) / first
         print(
-            f"    {each['name']:<28} {each['detected']:3d}/{count} {error or np.nan:9.4f} {low:7.4f} to {high:.4f} "
-            f"{ratio['rms'] if ratio else np.nan:6.2f} {each['pattern_bound']['rotation_deg'] or np.nan:8.5f} "
-            f"{1e3 * cpu_s.get(each['name'], np.nan):10.0f}",
+            f"    {result['name']:<28} {result['detected']:3d}/{count} {error or np.nan:9.4f} {low:7.4f} to {high:.4f} "
+            f"{ratio['rms'] if ratio else np.nan:6.2f} {result['pattern_bound']['rotation_deg'] or np.nan:8.5f} "
+            f"{1e3 * cpu_s.get(result['name'], np.nan):10.0f}",
             flush=True,
         )
     return list(results["contestants"][len(designs) :])
@@ -135,9 +135,9 @@ def beside(designs: dict[str, Marker], rivals: Sequence[str], count: int) -> lis
 
 def summary(rivals: Sequence[dict[str, Any]]) -> str:
     """How many rivals are found, and how many of them are better than the marker of `--n auto`."""
-    often = [each for each in rivals if not each["absent"] and each["rate"] >= OFTEN]
-    better = sum(each["ratio"]["rotation_deg"]["rms"] < 1 for each in often)
-    could = sum(each["bound_ratio"] < 1 for each in often)
+    often = [rival for rival in rivals if not rival["absent"] and rival["rate"] >= OFTEN]
+    better = sum(rival["ratio"]["rotation_deg"]["rms"] < 1 for rival in often)
+    could = sum(rival["bound_ratio"] < 1 for rival in often)
     return (
         f"{len(often)} of {len(rivals)} rivals found in {OFTEN:.0%} of the views; "
         f"{better} err less than --n auto, {could} could by the bound"

@@ -178,9 +178,9 @@ def main(sets: int, photos: int) -> None:
                 print(f"  {transforms}")
                 continue
             for k, method in enumerate(METHODS):
-                turned = logarithm(transforms[:, k, :, :3] @ np.array([X[0].T for X in truth]))
+                rotated = logarithm(transforms[:, k, :, :3] @ np.array([X[0].T for X in truth]))
                 moved = transforms[:, k, :, 3] - np.array([X[1] for X in truth])
-                print(f"  OpenCV, {method:22}{1e3 * rms(moved):12.3f}{np.rad2deg(rms(turned)):15.4f}")
+                print(f"  OpenCV, {method:22}{1e3 * rms(moved):12.3f}{np.rad2deg(rms(rotated)):15.4f}")
 
 
 if __name__ == "__main__":

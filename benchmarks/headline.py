@@ -76,16 +76,16 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="where to write the headlines")
     options = parser.parse_args()
     print(HEADINGS, flush=True)
-    found, wrong = {}, 0
+    results, wrong = {}, 0
     for name in options.only:
         start = time.process_time()
         validation = run(CASES[name], options.views)
-        found[name] = dict(validation.headline)
+        results[name] = dict(validation.headline)
         wrong += validation.headline["views"]["disagreements"]
         print(row(name, validation, time.process_time() - start), flush=True)
-    print(f"{wrong} of {5 * len(found)} comparisons disagree")
+    print(f"{wrong} of {5 * len(results)} comparisons disagree")
     if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        options.json.write_text(json.dumps(results, indent=2) + "\n")
 
 
 def run(case: Case, views: int) -> mg.Validation:
@@ -99,10 +99,10 @@ def row(name: str, validation: mg.Validation, seconds: float) -> str:
     headline, views, poses = validation.headline, validation.views, validation.setting.poses
     assert views is not None
     hardest, over_all = headline["hardest"]["rotation_deg"], headline["all"]
-    samples = [each for each in views["samples"] if each["rotation_deg"] is not None]
+    samples = [item for item in views["samples"] if item["rotation_deg"] is not None]
     inside = cells_of(poses)[hardest["distance"], hardest["tilt"]]
-    there = [each for each in samples if inside[each["pose"]]]
-    flips = sum(_flipped(poses, each) for each in samples)
+    there = [item for item in samples if inside[item["pose"]]]
+    flips = sum(_flipped(poses, item) for item in samples)
     place = f"{hardest['distance']} {hardest['tilt']} ({len(there)})"
     expected_flips = views["count"] * over_all["flip_rate"]
     return (
@@ -113,15 +113,15 @@ def row(name: str, validation: mg.Validation, seconds: float) -> str:
     )
 
 
-def _flipped(poses: PoseDistribution, each: Mapping[str, Any]) -> bool:
-    rotation, translation = poses.rotation[each["pose"]], poses.translation[each["pose"]]
-    estimate = exponential(np.deg2rad(each["rotation_vector_deg"])) @ rotation
+def _flipped(poses: PoseDistribution, item: Mapping[str, Any]) -> bool:
+    rotation, translation = poses.rotation[item["pose"]], poses.translation[item["pose"]]
+    estimate = exponential(np.deg2rad(item["rotation_vector_deg"])) @ rotation
     apart = np.rad2deg(angle_between(mirrored_rotation(rotation, translation), rotation)) > 10
     return bool(apart and flipped(estimate[None], rotation, translation)[0])
 
 
 def _measured(samples: list[Any]) -> str:
-    errors = np.square([each["rotation_deg"] for each in samples])
+    errors = np.square([sample["rotation_deg"] for sample in samples])
     if not len(errors):
         return f"{'-':>9} {'-':>16}"
     rng = np.random.default_rng(0)

@@ -99,18 +99,18 @@ def one_set(
     sums: dict[str, tuple[float, int]] = {}
 
     detector, poses = Detector(marker, camera, print_sigma=1e-8), []
-    for image, turn, place in zip(images, rotation, translation, strict=True):
+    for image, R, place in zip(images, rotation, translation, strict=True):
         for result in detector(image):
             if result.covariance is not None:
-                off = np.concatenate([logarithm(result.rotation @ turn.T), result.translation - place])
+                off = np.concatenate([logarithm(result.rotation @ R.T), result.translation - place])
                 scale = np.sqrt(np.diag(result.covariance))
                 poses.append(6 * nees(off / scale, result.covariance / scale / scale[:, None], 6))
     sums["poses"] = sum(poses), 6 * len(poses)
 
     sightings, _ = find_dots([marker], images, camera, workers=1)
     # Where the image does not show the key ring, the labels of a regular layout may be turned.
-    shown = camera.project(marker.xyz, rotation, translation)[sightings.photo]
-    off = np.linalg.norm(sightings.views.pixels - shown, axis=-1)
+    printed = camera.project(marker.xyz, rotation, translation)[sightings.photo]
+    off = np.linalg.norm(sightings.views.pixels - printed, axis=-1)
     right = np.where(sightings.views.seen, off, 0.0).max(axis=1) < px
     views, photo = sightings.views.take(right), sightings.photo[right]
     seen, rotation, translation = views.seen, rotation[photo], translation[photo]
@@ -141,11 +141,11 @@ def one_set(
     places = in_gauge(adjusted.network, marker.xyz, rotation, translation)[0]
     rank = 3 * len(marker) - 7
     sums["dots"] = rank * nees((adjusted.places - places).ravel(), adjusted.covariance / adjusted.scale, rank), rank
-    found = [camera.parameter_names.index(parameter) for parameter in freed]
-    off = (parameters_of(adjusted.camera) - parameters_of(camera))[found]
-    spread = adjusted.camera_covariance[np.ix_(found, found)] / adjusted.scale
+    findings = [camera.parameter_names.index(parameter) for parameter in freed]
+    off = (parameters_of(adjusted.camera) - parameters_of(camera))[findings]
+    spread = adjusted.camera_covariance[np.ix_(findings, findings)] / adjusted.scale
     scale = np.sqrt(np.diag(spread))
-    sums["camera"] = len(found) * nees(off / scale, spread / scale / scale[:, None], len(found)), len(found)
+    sums["camera"] = len(findings) * nees(off / scale, spread / scale / scale[:, None], len(findings)), len(findings)
     return sums
 
 

@@ -29,9 +29,9 @@ FLOOR = "import numpy"
 
 def seconds(code: str, bytecode: str) -> float:
     """Processor time of an interpreter of its own that runs some code and ends, s; `bytecode` is a folder for that."""
-    own = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    ours = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-c", code], check=True, env={**own, "PYTHONPYCACHEPREFIX": bytecode})
+    subprocess.run([sys.executable, "-c", code], check=True, env={**ours, "PYTHONPYCACHEPREFIX": bytecode})
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -41,7 +41,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         # The first of them compiles, and so is never the least.
         times = [{name: seconds(code, folder) for name, code in STARTS.items()} for _ in range(ROUNDS)]
-    least = {name: min(each[name] for each in times) for name in STARTS}
+    least = {name: min(time[name] for time in times) for name in STARTS}
     print(f"{'':20} {'s':>6} {'over numpy':>11}")
     for name, value in least.items():
         print(f"{name:20} {value:6.3f} {value / least[FLOOR]:11.2f}")

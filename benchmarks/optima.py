@@ -65,11 +65,11 @@ def row(name: str, spec: Spec, seeds: int, starts: int) -> str:
 
     mark = run(10_000, starts).value
     start = time.process_time()
-    found = [run(seed) for seed in range(seeds)]
+    results = [run(seed) for seed in range(seeds)]
     seconds = (time.process_time() - start) / seeds
-    values = np.array([optimum.value for optimum in found])
+    values = np.array([optimum.value for optimum in results])
     worst = max(
-        breach(optimum.points, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance) for optimum in found
+        breach(optimum.points, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance) for optimum in results
     )
     polygon = comparison_layouts(region, spec.n, setting=setting).get("ngon")
     best = min(mark, values.min())
@@ -90,13 +90,13 @@ def beside(name: str, spec: Spec, starts: int) -> tuple[str, float]:
     Zero starts leaves that search out. All keep the gap of the design. The bound is its certificate's, if it has one.
     """
     start = time.process_time()
-    found = design(spec)
+    actual = design(spec)
     seconds = time.process_time() - start
     # With the gap, if any, that keeps images of the dots apart.
-    spec, dots = found.spec, found.dots
+    spec, dots = actual.spec, actual.dots
     region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
-    objective, rough = objective_of(spec, found.setting), rough_of(spec, found.setting)
-    least = found.certificate.lower_bound
+    objective, rough = objective_of(spec, actual.setting), rough_of(spec, actual.setting)
+    least = actual.certificate.lower_bound
     layouts, count = regular_layouts(region, spec.n)
     values = objective(layouts) if len(layouts) else np.array([np.inf])
     others = {"polygon": values[:count].min(initial=np.inf), "regular": values[count:].min(initial=np.inf)}
@@ -104,7 +104,7 @@ def beside(name: str, spec: Spec, starts: int) -> tuple[str, float]:
         more = search(objective, region, spec.n, np.random.default_rng(10_000), starts, rough=rough)
         others["search"] = more.value
     best = min(others, key=lambda other: others[other])
-    ratio, above = float(found.value / others[best]), f"{found.value / least:.5f}" if least else "-"
+    ratio, above = float(actual.value / others[best]), f"{actual.value / least:.5f}" if least else "-"
     line = f"{name:<9} {spec.n:>2} {spec.objective:<12} {objective.aggregate:<11} {ratio:>11.5f}"
     return f"{line}  {best:<8} {above:>12} {seconds:>9.1f}", ratio
 

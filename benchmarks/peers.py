@@ -67,8 +67,8 @@ class Watch:
     there : bool
     """
 
-    def __init__(self, known: float, patience: float) -> None:
-        self.best, self._known, self._end = np.inf, known, time.process_time() + patience
+    def __init__(self, reference: float, patience: float) -> None:
+        self.best, self._known, self._end = np.inf, reference, time.process_time() + patience
 
     @property
     def there(self) -> bool:
@@ -112,9 +112,9 @@ def evolution(objective: Objective, n: int, seed: int, watch: Watch) -> None:
 
     def values(population: Array) -> Array:
         layouts = np.moveaxis(population.reshape(n, 2, -1), -1, 0)
-        found = objective(radius * layouts)
-        watch.saw(found[np.linalg.norm(layouts, axis=-1).max(axis=-1) <= 1 + 1e-9])
-        return np.minimum(found, 1e6)
+        results = objective(radius * layouts)
+        watch.saw(results[np.linalg.norm(layouts, axis=-1).max(axis=-1) <= 1 + 1e-9])
+        return np.minimum(results, 1e6)
 
     room = NonlinearConstraint(lambda flat: np.sum(flat.reshape(n, 2, *flat.shape[1:]) ** 2, axis=1), -np.inf, 1.0)
     for attempt in range(1000):

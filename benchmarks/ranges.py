@@ -67,16 +67,16 @@ def pad_contestant(pad: Marker) -> Look:
 
     def look(rotation: Array, translation: Array, rng: np.random.Generator) -> Found:
         image = render_view(pad, PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, rng)
-        found = detect(image, pad, PAPER_CAMERA, ErrorSources(print_sigma=0.0))
-        if not found.ok:
+        finding = detect(image, pad, PAPER_CAMERA, ErrorSources(print_sigma=0.0))
+        if not finding.ok:
             return None
-        truth = PAPER_CAMERA.project(pad.xyz[found.ids], rotation[None], translation[None])[0]
+        truth = PAPER_CAMERA.project(pad.xyz[finding.ids], rotation[None], translation[None])[0]
         here = PoseDistribution("here", rotation[None], translation[None])
-        least = image_covariance(pad, PAPER_CAMERA, here, DEFAULT_OPTICS)[0, found.ids]
-        off = np.linalg.norm(found.pixels - truth, axis=-1)
-        assert found.pose is not None
-        large = disks_in_view(pad.xyz, 2 * pad.radii, PAPER_CAMERA, here)[0, found.ids]
-        return off, off[large] / np.sqrt(np.trace(least[large], axis1=-2, axis2=-1)), found.pose.rotation
+        least = image_covariance(pad, PAPER_CAMERA, here, DEFAULT_OPTICS)[0, finding.ids]
+        off = np.linalg.norm(finding.pixels - truth, axis=-1)
+        assert finding.pose is not None
+        large = disks_in_view(pad.xyz, 2 * pad.radii, PAPER_CAMERA, here)[0, finding.ids]
+        return off, off[large] / np.sqrt(np.trace(least[large], axis1=-2, axis2=-1)), finding.pose.rotation
 
     return look
 
@@ -84,15 +84,15 @@ def pad_contestant(pad: Marker) -> Look:
 def tag_contestant(tags: Sequence[SquareTag]) -> Look:
     """Render tags on one white disk, and detect each with its own settings."""
     plate = Patch((circle(np.zeros(3), RADIUS),), 1.0)
-    ink = [Patch(tuple(np.pad(each, ((0, 0), (0, 1))) for each in tag.tag.outlines), 0.0) for tag in tags]
+    ink = [Patch(tuple(np.pad(outline, ((0, 0), (0, 1))) for outline in tag.tag.outlines), 0.0) for tag in tags]
 
     def look(rotation: Array, translation: Array, rng: np.random.Generator) -> Found:
         image = render_patches([plate, *ink], PAPER_CAMERA, rotation, translation, DEFAULT_OPTICS, rng)
         read = [(tag, tag.sight(image, PAPER_CAMERA, SETTINGS[type(tag)], 0.0)) for tag in tags]
-        known = [(tag.points, found.pixels) for tag, found in read if len(found.ids)]
-        if not known:
+        reference = [(tag.points, finding.pixels) for tag, finding in read if len(finding.ids)]
+        if not reference:
             return None
-        points, pixels = (np.concatenate(part) for part in zip(*known, strict=True))
+        points, pixels = (np.concatenate(part) for part in zip(*reference, strict=True))
         truth = PAPER_CAMERA.project(points, rotation[None], translation[None])[0]
         off = np.linalg.norm(pixels - truth, axis=-1)
         return off, np.full(len(off), np.nan), pose_of(points, pixels, PAPER_CAMERA)[0]
@@ -116,20 +116,20 @@ def bounds(pad: Marker, poses: PoseDistribution) -> tuple[Array, Array]:
     image = ImageNoise(DEFAULT_OPTICS.blur_px, DEFAULT_OPTICS.noise_grey, DEFAULT_OPTICS.light - DEFAULT_OPTICS.dark)
     seen = coverage(pad, PAPER_CAMERA, poses)
     total = dot_information(seen, PAPER_CAMERA, image).sum(axis=1)
-    found = np.full(len(poses), np.inf)
-    found[seen.served] = np.rad2deg(rotation_bound(covariance(total[seen.served])))
-    return found, np.asarray(seen.count, dtype=float)
+    results = np.full(len(poses), np.inf)
+    results[seen.served] = np.rad2deg(rotation_bound(covariance(total[seen.served])))
+    return results, np.asarray(seen.count, dtype=float)
 
 
-def judged(found: Found, rotation: Array, translation: Array) -> dict[str, Any]:
+def judged(result: Found, rotation: Array, translation: Array) -> dict[str, Any]:
     """What is counted of one view."""
-    if found is None:
+    if result is None:
         return {"found": False, "wrong": False, "deg": np.nan, "flip_deg": np.nan, "noise2": np.nan}
-    off, noise, turned = found
+    off, noise, rotated = result
     if off.max() >= WRONG_PX:
         return {"found": False, "wrong": True, "deg": np.nan, "flip_deg": np.nan, "noise2": np.nan}
     mirrored = mirrored_rotation(rotation, translation)
-    deg, other = (float(np.rad2deg(angle_between(turned, each))) for each in (rotation, mirrored))
+    deg, other = (float(np.rad2deg(angle_between(rotated, item))) for item in (rotation, mirrored))
     return {"found": True, "wrong": False, "deg": deg, "flip_deg": other, "noise2": np.mean(noise**2)}
 
 

@@ -86,25 +86,25 @@ class Score:
     frames: int = 0
     times: list[float] = field(default_factory=list)
 
-    def add(self, frame: int, found: Pose | None, truth: Pose, seconds: float = np.nan) -> None:
+    def add(self, frame: int, results: Pose | None, truth: Pose, seconds: float = np.nan) -> None:
         self.frames += 1
         self.times.append(seconds)
-        if found is None:
+        if results is None:
             return
-        turned = float(np.rad2deg(angle_between(found[0], truth[0])))
-        moved = float(np.linalg.norm(found[1] - truth[1]))
-        if turned > WRONG_DEG or moved > WRONG_SHARE * np.linalg.norm(truth[1]):
+        rotated = float(np.rad2deg(angle_between(results[0], truth[0])))
+        moved = float(np.linalg.norm(results[1] - truth[1]))
+        if rotated > WRONG_DEG or moved > WRONG_SHARE * np.linalg.norm(truth[1]):
             self.wrong += 1
         else:
-            self.errors[frame] = turned, 1e3 * moved
+            self.errors[frame] = rotated, 1e3 * moved
 
     def row(self, common: set[int]) -> dict[str, Any]:
-        turned, moved = np.array(list(self.errors.values()) or [(np.nan, np.nan)]).T
+        rotated, moved = np.array(list(self.errors.values()) or [(np.nan, np.nan)]).T
         both = np.array([self.errors[k][0] for k in sorted(common)] or [np.nan])
         return {
             "frames": self.frames, "right": len(self.errors), "wrong": self.wrong,
-            "median deg": float(np.median(turned)), "RMS deg": float(np.sqrt(np.mean(turned**2))),
-            "95 % deg": float(np.quantile(turned, 0.95)), "median mm": float(np.median(moved)),
+            "median deg": float(np.median(rotated)), "RMS deg": float(np.sqrt(np.mean(rotated**2))),
+            "95 % deg": float(np.quantile(rotated, 0.95)), "median mm": float(np.median(moved)),
             "RMS mm": float(np.sqrt(np.mean(moved**2))),
             "RMS deg of common": float(np.sqrt(np.mean(both**2))), "CPU ms": 1e3 * float(np.median(self.times)),
         }  # fmt: skip
@@ -141,12 +141,12 @@ def cubes(rig: mg.Rig, views: int, aprilcube: str | None) -> Rows:
         clutter = Scenery(BACKGROUNDS["clutter"](camera, np.random.default_rng([k, 0])))
         made = misprinted(rig, ErrorSources(PRINT_SIGMA), np.random.default_rng([k, 2]))
         image, rough, other = (
-            render_view(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), clutter)
-            for each in (rig, made, tags)
+            render_view(item, camera, *truth, Optics(), np.random.default_rng([k, 1]), clutter)
+            for item in (rig, made, tags)
         )
         for what, detector, seen in (("exact", exact, image), (f"{1e3 * PRINT_SIGMA:g} mm", printed, rough)):
-            found, seconds = timed(detector, seen)
-            joint, alone = poses_of(rig, found)
+            finding, seconds = timed(detector, seen)
+            joint, alone = poses_of(rig, finding)
             scores.setdefault(f"this cube, print {what}", Score()).add(k, joint, truth, seconds)
             scores.setdefault(f"its best face alone, print {what}", Score()).add(k, alone, truth)
         pose, seconds = timed(aruco, other)
@@ -154,17 +154,17 @@ def cubes(rig: mg.Rig, views: int, aprilcube: str | None) -> Rows:
         frames.append(other)
     if aprilcube:
         score = scores["aprilcube, exact"] = Score()
-        for k, each in enumerate(by_aprilcube(aprilcube, np.stack(frames), camera)):
-            matrix = np.array(each["pose"] or np.eye(4))
-            pose = (matrix[:3, :3], matrix[:3, 3] / 1e3) if each["pose"] else None
-            score.add(k, pose, (poses.rotation[k], poses.translation[k]), each["time"])
+        for k, item in enumerate(by_aprilcube(aprilcube, np.stack(frames), camera)):
+            matrix = np.array(item["pose"] or np.eye(4))
+            pose = (matrix[:3, :3], matrix[:3, 3] / 1e3) if item["pose"] else None
+            score.add(k, pose, (poses.rotation[k], poses.translation[k]), item["time"])
     return rows_of(scores)
 
 
 def walls(rig: mg.Rig, camera: Camera, views: int) -> Rows:
     """A wall of dots beside a GridBoard of six tags in the same places."""
     places = enumerate(rig.markers)
-    board = mg.Rig(tuple(replace(each, marker=tag_plate(PLATE, k)) for k, each in places))
+    board = mg.Rig(tuple(replace(item, marker=tag_plate(PLATE, k)) for k, item in places))
     reach = rig.radius * camera.fx / (0.45 * camera.height)
     poses = named_poses(f"cone:distance={reach:.3g}..{1.5 * reach:.3g}m,tilt=0..50,count={views}")
     detector, aruco = mg.Detector(rig, camera, print_sigma="0mm"), grid_board(board, camera, engine())
@@ -172,10 +172,10 @@ def walls(rig: mg.Rig, camera: Camera, views: int) -> Rows:
     for k, truth in enumerate(zip(poses.rotation, poses.translation, strict=True)):
         behind = Scenery(scenes.background("photo", camera, np.random.default_rng([k, 0])))
         image, other = (
-            render_view(each, camera, *truth, Optics(), np.random.default_rng([k, 1]), behind) for each in (rig, board)
+            render_view(item, camera, *truth, Optics(), np.random.default_rng([k, 1]), behind) for item in (rig, board)
         )
-        found, seconds = timed(detector, image)
-        scores["this wall"].add(k, poses_of(rig, found)[0], truth, seconds)
+        finding, seconds = timed(detector, image)
+        scores["this wall"].add(k, poses_of(rig, finding)[0], truth, seconds)
         pose, seconds = timed(aruco, other)
         scores["ArUco's GridBoard"].add(k, pose, truth, seconds)
     return rows_of(scores)
@@ -187,9 +187,9 @@ def rows_of(scores: dict[str, Score]) -> Rows:
     return {name: score.row(common) for name, score in scores.items()}
 
 
-def poses_of(rig: mg.Rig, found: Any) -> tuple[Pose | None, Pose | None]:
+def poses_of(rig: mg.Rig, findings: Any) -> tuple[Pose | None, Pose | None]:
     """Pose of the first rig found, and that of the face whose own pose claims the least error."""
-    seen = next((each for each in found if each.ok), None)
+    seen = next((item for item in findings if item.ok), None)
     if seen is None:
         return None, None
     parts = body_poses(seen.finding, rig, seen.camera, ErrorSources(PRINT_SIGMA))
@@ -221,17 +221,17 @@ def tag_cube() -> mg.Rig:
     """Cube with the tags 0 to 5, as aprilcube places them."""
     faces = []
     for k, (name, (right, up)) in enumerate(FACES.items()):
-        turn = np.stack([right, up, np.cross(right, up)], axis=1).astype(float)
-        faces.append(mg.Plate(name, tag_plate(EDGE, k), turn.tolist(), tuple(turn[:, 2] * EDGE / 2)))
+        rotation = np.stack([right, up, np.cross(right, up)], axis=1).astype(float)
+        faces.append(mg.Plate(name, tag_plate(EDGE, k), rotation.tolist(), tuple(rotation[:, 2] * EDGE / 2)))
     return mg.Rig(tuple(faces))
 
 
 def corners_of(tags: mg.Rig) -> Array:
     """Corners (k, 4, 3) of the tags in m, rig frame."""
     corners = []
-    for each in tags.markers:
-        assert each.marker.tag is not None
-        corners.append(each.to_body(np.column_stack([each.marker.tag.corners, np.zeros(4)])))
+    for marker in tags.markers:
+        assert marker.marker.tag is not None
+        corners.append(marker.to_body(np.column_stack([marker.marker.tag.corners, np.zeros(4)])))
     return np.stack(corners)
 
 
@@ -249,11 +249,11 @@ def tag_poses(tags: mg.Rig, camera: Camera) -> Callable[[Image], Pose | None]:
     def detect(image: Image) -> Pose | None:
         pixels, ids, _ = detector.detectMarkers(image)
         seen = zip(np.ravel(ids), pixels, strict=True) if len(pixels) else ()
-        kept = [(int(number), each[0]) for number, each in seen if number < len(corners)]
+        kept = [(int(number), item[0]) for number, item in seen if number < len(corners)]
         if not kept:
             return None
         points = np.concatenate([corners[i] for i, _ in kept])
-        return solved(points, np.concatenate([each for _, each in kept]), camera)
+        return solved(points, np.concatenate([item for _, item in kept]), camera)
 
     return detect
 
@@ -282,12 +282,12 @@ def solved(points: Array, pixels: Array, camera: Camera) -> Pose | None:
     if not count:
         return None
     fits = []
-    for turn, shift in zip(turns, shifts, strict=True):
-        turn, shift = cv2.solvePnPRefineLM(points, pixels, camera.matrix, None, turn.copy(), shift.copy())
-        away = cv2.projectPoints(points, turn, shift, camera.matrix, None)[0][:, 0] - pixels
-        fits.append((float(np.sum(away**2)), turn, shift))
-    _, turn, shift = min(fits, key=lambda each: each[0])
-    return cv2.Rodrigues(turn)[0], shift[:, 0]
+    for rotation, offset in zip(turns, shifts, strict=True):
+        rotation, offset = cv2.solvePnPRefineLM(points, pixels, camera.matrix, None, rotation.copy(), offset.copy())
+        away = cv2.projectPoints(points, rotation, offset, camera.matrix, None)[0][:, 0] - pixels
+        fits.append((float(np.sum(away**2)), rotation, offset))
+    _, rotation, offset = min(fits, key=lambda item: item[0])
+    return cv2.Rodrigues(rotation)[0], offset[:, 0]
 
 
 def by_aprilcube(python: str, frames: Image, camera: Camera) -> list[dict[str, Any]]:

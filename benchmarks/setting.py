@@ -38,14 +38,14 @@ def main() -> None:
     if unknown := set(options.rows) - set(choice.values()):
         parser.error(f"rows that --list shows, found {', '.join(sorted(unknown))}")
     series = Series(tuple(contestants), setting.camera, setting.poses, options.views)
-    found = list[tuple[Observation, ...]]()
+    finding = list[tuple[Observation, ...]]()
     for view in range(options.views):
         if options.fit:
-            found.append(series.observe_and_refine(0, choice, view))
+            finding.append(series.observe_and_refine(0, choice, view))
         else:
-            found.append((series.observe(contestant, choice, view, series.photograph(contestant, view)),))
+            finding.append((series.observe(contestant, choice, view, series.photograph(contestant, view)),))
     print(f"{contestant.name}, {contestant.size}, by {contestant.describe(choice)}")
-    for name, observations in zip(("detector", "fit"), zip(*found, strict=True), strict=False):
+    for name, observations in zip(("detector", "fit"), zip(*finding, strict=True), strict=False):
         errors = np.array([observation.rotation_deg for observation in observations if observation.counts])
         median = np.median(errors) if len(errors) else np.nan
         print(f"{name} {len(errors)} of {options.views}, rms {rms(errors):.4f}, median {median:.4f}")

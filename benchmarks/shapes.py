@@ -86,10 +86,9 @@ def random_specs(count: int) -> Iterator[tuple[str, Spec, int]]:
         n, objective = int(np.exp(rng.uniform(np.log(4), np.log(13)))), str(rng.choice(names))
         width, focal = int(rng.choice([640, 1280, 1920])), rng.uniform(0.6, 2.0)
         camera = Camera(width, width * 3 // 4, focal * width, focal * width, width / 2 - 0.5, width * 3 / 8 - 0.5)
-        near = boundary.radius * focal * rng.uniform(4, 8)
-        poses = (
-            f"cone:distance={near:.3f}..{near * rng.uniform(1.2, 3):.3f},tilt=0..{rng.uniform(20, 65):.0f},count=100"
-        )
+        nearby = boundary.radius * focal * rng.uniform(4, 8)
+        span = f"{nearby:.3f}..{nearby * rng.uniform(1.2, 3):.3f}"
+        poses = f"cone:distance={span},tilt=0..{rng.uniform(20, 65):.0f},count=100"
         dot = None if rng.random() < 0.5 else float(rng.uniform(0.02, 0.3) * boundary.radius / np.sqrt(n))
         spec = Spec(n=n, objective=objective, dot=dot, boundary=boundary, camera=camera, poses=poses)
         nonsmooth = objective == "condition"

@@ -59,7 +59,7 @@ def main() -> None:
         # The first of them compiles, and so is never the least.
         times = [{name: seconds(work, folder) for name, work in works.items()} for _ in range(ROUNDS)]
         assert (Path(folder) / "m.fab.pdf").exists()
-    least = {name: min(each[name] for each in times) for name in CASES}
+    least = {name: min(time[name] for time in times) for name in CASES}
     print(f"{'':20} {'s':>6} {'over kernel':>11}")
     for name, value in least.items():
         print(f"{name:20} {value:6.3f} {value / least[FLOOR]:11.2f}")

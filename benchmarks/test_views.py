@@ -45,10 +45,10 @@ class Scenery:
 @pytest.fixture(scope="module")
 def scenery() -> Scenery:
     cv2.setNumThreads(1)
-    found = design(Spec())
-    poses = found.setting.poses
+    actual = design(Spec())
+    poses = actual.setting.poses
     views = [(poses.rotation[k], poses.translation[k]) for k in np.linspace(0, len(poses) - 1, VIEWS).astype(int)]
-    bare = Scenery(found.marker, found.setting.camera, views, [])
+    bare = Scenery(actual.marker, actual.setting.camera, views, [])
     return Scenery(bare.marker, bare.camera, views, bare.rendered())
 
 

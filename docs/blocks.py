@@ -48,10 +48,10 @@ class Block:
 
     def runnable(self) -> str:
         """Return the text without the lines that are marked as not run."""
-        words, reason = self.marks.get("not run", ("", ""))
-        if reason and not words:
+        phrase, reason = self.marks.get("not run", ("", ""))
+        if reason and not phrase:
             return ""
-        return "".join(line for line in self.text.splitlines(keepends=True) if not words or words not in line)
+        return "".join(line for line in self.text.splitlines(keepends=True) if not phrase or phrase not in line)
 
 
 def pages() -> list[Path]:

@@ -169,19 +169,19 @@ def reference() -> str:
 def page_of_templates() -> str:
     """Return the page that shows every template: its description, its picture, sizes, and command."""
     parts = [TEMPLATES]
-    for each in overview().templates:
-        description = template_text(each.name).splitlines()[0].removeprefix("# ")
-        [picture] = sorted((HERE / "images" / "templates").glob(f"{each.name}.*"))
-        size = " x ".join(f"{1e3 * side:.4g}" for side in each.size)
-        dots = f"{each.dots} dots" if each.dots else "as many dots as the distances need"
-        near, far = (f"{distance:.2g}" for distance in each.distances)
-        suffixes = {"relief-print": (".3mf", ".step"), "cube": (".pdf", ".step")}.get(each.name, (".pdf",))
-        output = " -o ".join(each.name + suffix for suffix in suffixes)
+    for template in overview().templates:
+        description = template_text(template.name).splitlines()[0].removeprefix("# ")
+        [picture] = sorted((HERE / "images" / "templates").glob(f"{template.name}.*"))
+        size = " x ".join(f"{1e3 * side:.4g}" for side in template.size)
+        dots = f"{template.dots} dots" if template.dots else "as many dots as the distances need"
+        near, far = (f"{distance:.2g}" for distance in template.distances)
+        suffixes = {"relief-print": (".3mf", ".step"), "cube": (".pdf", ".step")}.get(template.name, (".pdf",))
+        output = " -o ".join(template.name + suffix for suffix in suffixes)
         parts.append(
-            f"## {each.name}\n\n{description}\n\n"
-            f'<img src="images/templates/{picture.name}" width="260" alt="{each.title}, as designed">\n\n'
-            f"{size} mm, {dots}, for {each.camera[0]}x{each.camera[1]} px from {near} to {far} m.\n\n"
-            f"```sh\nmarkergen {each.command} --template {each.name} -o {output}\n```\n"
+            f"## {template.name}\n\n{description}\n\n"
+            f'<img src="images/templates/{picture.name}" width="260" alt="{template.title}, as designed">\n\n'
+            f"{size} mm, {dots}, for {template.camera[0]}x{template.camera[1]} px from {near} to {far} m.\n\n"
+            f"```sh\nmarkergen {template.command} --template {template.name} -o {output}\n```\n"
         )
     return "\n".join(parts)
 

@@ -16,7 +16,7 @@ HOME = "https://github.com/markergen/markergen/blob/main/"
 def keywords(function: Callable[..., Any]) -> str:
     """Return the tables of a function's keywords from where they are declared; empty if it has none of its own."""
     hints = {} if isinstance(function, type) else get_type_hints(function, include_extras=True)
-    tables = [each for hint in hints.values() for each in get_args(hint) if hasattr(each, "__required_keys__")]
+    tables = [get_arg for hint in hints.values() for get_arg in get_args(hint) if hasattr(get_arg, "__required_keys__")]
     if not tables:
         return ""
     options = declared(tables[0])
@@ -24,8 +24,8 @@ def keywords(function: Callable[..., Any]) -> str:
     for group in GROUPS:
         for name, option in options.items():
             if option.group == group:
-                words = (f"`{KINDS[option.kind].accepted}`", _plain(option.shown), _plain(option.help))
-                rows.append(f"| `{name}` | " + " | ".join(words) + " |")
+                phrase = (f"`{KINDS[option.kind].accepted}`", _plain(option.shown), _plain(option.help))
+                rows.append(f"| `{name}` | " + " | ".join(phrase) + " |")
     return "\n".join(rows) + "\n"
 
 
@@ -42,7 +42,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     if page.file.src_uri == "api.md":
         markdown = re.sub(
             r"^::: markergen\.(\w+)$",
-            lambda found: f"{found.group()}\n\n{keywords(getattr(markergen, found.group(1)))}",
+            lambda result: f"{result.group()}\n\n{keywords(getattr(markergen, result.group(1)))}",
             markdown,
             flags=re.MULTILINE,
         )
@@ -53,10 +53,10 @@ def on_page_content(content: str, **_: Any) -> str:
     """Return a page whose formulas are MathML, which browsers draw by themselves."""
     from latex2mathml.converter import convert
 
-    def drawn(found: re.Match[str]) -> str:
-        if found[1] == "span":
-            return convert(html.unescape(found[2]))
+    def drawn(results: re.Match[str]) -> str:
+        if results[1] == "span":
+            return convert(html.unescape(results[2]))
         # A phone is narrower than some formulas.
-        return f'<div style="overflow-x:auto">{convert(html.unescape(found[2]), display="block")}</div>'
+        return f'<div style="overflow-x:auto">{convert(html.unescape(results[2]), display="block")}</div>'
 
     return re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', drawn, content, flags=re.DOTALL)

@@ -118,7 +118,7 @@ def _in_three_rooms() -> Number:
         f"| paper | {' | '.join(ROOMS)} | |---|---|---|---| {rows}",
         BESIDE_AUTO,
         [(RIVALS[room], f"{name} #/@ # @ to @") for name in CONTESTANTS for room in ROOMS],
-        lambda *found: [value for k in range(0, len(found), 2) for value in (found[k + 1], found[k])],
+        lambda *results: [value for k in range(0, len(results), 2) for value in (results[k + 1], results[k])],
     )
 
 
@@ -221,17 +221,17 @@ def _pattern(row: str, label: str) -> Number:
     return Number(COMPARISON, f"| {row} | # |", "markergen compare marker.json", [(COMPARED, f"{label} @ cm2 #")])
 
 
-def _set(words: str, seconds: int) -> Number:
+def _set(phrase: str, seconds: int) -> Number:
     """Errors of a contestant with settings that are named."""
-    command = Command(f"python -m benchmarks.setting {words}", seconds)
+    command = Command(f"python -m benchmarks.setting {phrase}", seconds)
     sources = [(command, "detector # of 100, rms #, median #")]
     row = f"| `{command.line}` | # | # | # |"
-    return Number(OBJECTIONS, row, command.line, sources, lambda found, rms, median: [rms, median, found])
+    return Number(OBJECTIONS, row, command.line, sources, lambda finding, rms, median: [rms, median, finding])
 
 
-def _fitted(words: str, seconds: int) -> Number:
+def _fitted(phrase: str, seconds: int) -> Number:
     """Errors of a contestant with settings that are named, and after the same refiner for all."""
-    command = Command(f"python -m benchmarks.setting {words} --fit", seconds)
+    command = Command(f"python -m benchmarks.setting {phrase} --fit", seconds)
     sources = [(command, f"{part} @ of 100, rms #, median @") for part in ("detector", "fit")]
     return Number(OBJECTIONS, f"| `{command.line}` | # | # |", command.line, sources)
 
@@ -243,7 +243,7 @@ def _beside(row: str, label: str, command: Command) -> Number:
         f"| {row} | # (# to #) | # | # % |",
         command.line.rpartition(" && ")[2],
         [(command, f"{label} # % # #–# #")],
-        lambda found, rms, low, high, median: [rms, low, high, median, found],
+        lambda result, rms, low, high, median: [rms, low, high, median, result],
     )
 
 
@@ -262,15 +262,15 @@ def _all_found() -> Number:
     """Smallest dots of which all markers are found, with a key ring and without."""
     sizes = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0)
 
-    def least(found: Sequence[float]) -> float:
-        return next(size for k, size in enumerate(sizes) if min(found[k:]) == 100)
+    def least(results: Sequence[float]) -> float:
+        return next(size for k, size in enumerate(sizes) if min(results[k:]) == 100)
 
     return Number(
         DETECT,
         "all found from # px on, those without from # px",
         SMALL.line,
         [(SMALL, f"{size:.1f} px, {kind} 50 #") for kind in ("ring", "no ring") for size in sizes],
-        lambda *found: [least(found[: len(sizes)]), least(found[len(sizes) :])],
+        lambda *results: [least(results[: len(sizes)]), least(results[len(sizes) :])],
     )
 
 

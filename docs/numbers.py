@@ -171,24 +171,24 @@ def faults(entry: Entry, outputs: dict[Command, str]) -> Iterator[str]:
             if line.strip() and not any(alike(line.strip(), other, entry.factor) for other in have):
                 yield f"{entry.file}: not in what {entry.named} gives: {line}"
         return
-    found = numbers_in(text_of(entry.file), entry.place)
-    if found is None:
+    results = numbers_in(text_of(entry.file), entry.place)
+    if results is None:
         yield f"{entry.file}: this place is not there any more: {entry.place}"
         return
     values: list[float] = []
     for command, output in entry.sources:
-        given = numbers_in(outputs[command], output)
-        if given is None:
+        stated = numbers_in(outputs[command], output)
+        if stated is None:
             yield f"{entry.file}: {command.line} does not print: {output}\n{outputs[command][-500:]}"
             return
-        values += map(value_of, given)
+        values += map(value_of, stated)
     if entry.compute:
         values = list(entry.compute(*values))
-    if len(found) != len(values):
-        yield f"{entry.file}: {len(found)} numbers, but {len(values)} of the command, in: {entry.place}"
-    for shown, value in zip(found, values, strict=False):
-        if not agree(shown, value, entry.factor):
-            yield f"{entry.file}: {shown} in the text, {value:.6g} by {entry.named}: {entry.place}"
+    if len(results) != len(values):
+        yield f"{entry.file}: {len(results)} numbers, but {len(values)} of the command, in: {entry.place}"
+    for printed, value in zip(results, values, strict=False):
+        if not agree(printed, value, entry.factor):
+            yield f"{entry.file}: {printed} in the text, {value:.6g} by {entry.named}: {entry.place}"
 
 
 def alike(line: str, other: str, factor: float) -> bool:
@@ -203,19 +203,19 @@ def alike(line: str, other: str, factor: float) -> bool:
     )
 
 
-def agree(shown: str, value: float, factor: float = 0.0) -> bool:
+def agree(printed: str, value: float, factor: float = 0.0) -> bool:
     """True if a number as shown is a value, rounded alike, or lies within a factor of it."""
-    number = value_of(shown)
+    number = value_of(printed)
     if factor:
         return bool(value / factor <= number <= value * factor)
-    decimals = len(shown.partition(".")[2])
+    decimals = len(printed.partition(".")[2])
     # A value that the output has rounded already may be a half.
     return abs(number - value) <= 0.5 * 10.0**-decimals * (1 + 1e-6)
 
 
-def value_of(shown: str) -> float:
+def value_of(printed: str) -> float:
     """Value of a number with or without thousands separators."""
-    return float(shown.replace(",", ""))
+    return float(printed.replace(",", ""))
 
 
 @cache
@@ -226,23 +226,23 @@ def text_of(file: str) -> str:
 
 def numbers_in(text: str, place: str) -> list[str] | None:
     """Numbers at the # of a place in a text, whose white space does not matter; None if it is not there."""
-    found = pattern(place).search(text)
-    return list(found.groups()) if found else None
+    optimum = pattern(place).search(text)
+    return list(optimum.groups()) if optimum else None
 
 
 @cache
 def pattern(place: str) -> re.Pattern[str]:
     """Regular expression of a place: # and @ are numbers, ... is anything on a line, white space is any."""
-    words = (re.escape(word).replace(r"\.\.\.", r"[^\n]*?") for word in place.split())
+    phrase = (re.escape(word).replace(r"\.\.\.", r"[^\n]*?") for word in place.split())
     number = rf"(?<![\d.]){_NUMBER}(?:e[-+]?\d+)?"
-    return re.compile(r"\s+".join(words).replace(r"\#", f"({number})").replace("@", f"(?:{number})"))
+    return re.compile(r"\s+".join(phrase).replace(r"\#", f"({number})").replace("@", f"(?:{number})"))
 
 
 def block(entry: Block) -> str:
     """Text of a block."""
-    _, found, rest = text_of(entry.file).partition(entry.begin)
+    _, result, rest = text_of(entry.file).partition(entry.begin)
     inside, ended, _ = rest.partition(entry.end)
-    if not (found and ended):
+    if not (result and ended):
         raise ValueError(f"{entry.file} has no block from {entry.begin!r} to {entry.end!r}")
     return inside
 
@@ -261,10 +261,10 @@ def uncovered(file: str, entries: Sequence[Number | Block | Given]) -> list[str]
             start = text.index(entry.begin)
             spans = [(start, start + len(entry.begin) + len(block(entry)))]
         else:
-            found = pattern(entry.place).search(text)
-            if not found:
+            optimum = pattern(entry.place).search(text)
+            if not optimum:
                 raise ValueError(f"{file}: this place is not there any more: {entry.place}")
-            spans = [found.span(i + 1) for i in range(len(found.groups()))]
+            spans = [optimum.span(i + 1) for i in range(len(optimum.groups()))]
         for begin, end in spans:
             covered[begin:end] = [True] * (end - begin)
     prose = _prose(text)
@@ -288,8 +288,8 @@ def _prose(text: str) -> str:
 
     text = re.sub(r"```.*?```", blank, text, flags=re.DOTALL)
     text = re.sub(r"(?m)^    .*$", code, text)
-    for each in (r"`[^`\n]*`", r"\]\([^)]*\)", r"<[^>]*>"):
-        text = re.sub(each, blank, text)
+    for item in (r"`[^`\n]*`", r"\]\([^)]*\)", r"<[^>]*>"):
+        text = re.sub(item, blank, text)
     return text
 
 

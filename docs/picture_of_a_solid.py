@@ -72,26 +72,26 @@ def picture(corners: Array, colors: Array, width: int, height: int) -> NDArray[n
     scale = 0.92 * FINER * min(width / 2 / spread[0], height / 2 / spread[1])
     to_pixels = np.array([scale, -scale, -scale])
     corner_of_picture = np.array([width, height, 0]) * FINER / 2 - middle @ axes.T * to_pixels
-    shown, depth = rasterize(corners @ axes.T * to_pixels + corner_of_picture, width * FINER, height * FINER)
+    printed, depth = rasterize(corners @ axes.T * to_pixels + corner_of_picture, width * FINER, height * FINER)
 
-    rows, columns = np.indices(shown.shape)
+    rows, columns = np.indices(printed.shape)
     points = (np.stack([columns, rows, depth], axis=-1) - corner_of_picture) / to_pixels @ axes
-    facing = normals[shown]
-    light = np.zeros(shown.shape)
+    facing = normals[printed]
+    light = np.zeros(printed.shape)
     rng = np.random.default_rng(0)
     for directions, strength, cells in ((_sun(rng), SUNLIGHT, 1500), (_sky(rng), SKYLIGHT, 600)):
         for part in range(FINER**2):
             # Each of the samples that a pixel is made of has some of the rays.
-            some = np.s_[part // FINER :: FINER, part % FINER :: FINER]
+            subset = np.s_[part // FINER :: FINER, part % FINER :: FINER]
             rays = directions[part :: FINER**2]
-            places, normal = points[some] + facing[some] * size * 2e-3, facing[some]
+            places, normal = points[subset] + facing[subset] * size * 2e-3, facing[subset]
             lit = sum(
                 np.clip(normal @ ray, 0, None) * reached(places, corners, ray, middle, 1.6 * size, cells)
                 for ray in rays
             )
             # A level surface that nothing hides gets all of it.
-            light[some] += strength * lit / rays[:, 1].sum()
-    linear = (colors[shown] * light[..., None]).reshape(height, FINER, width, FINER, 3).mean(axis=(1, 3))
+            light[subset] += strength * lit / rays[:, 1].sum()
+    linear = (colors[printed] * light[..., None]).reshape(height, FINER, width, FINER, 3).mean(axis=(1, 3))
     return np.round(255 * _gamma(linear))[..., ::-1].astype(np.uint8)
 
 
@@ -116,7 +116,7 @@ def rasterize(corners: Array, width: int, height: int) -> tuple[Index, Array]:
     Corners (t, 3, 3) are in pixels, with a depth that is linear over the picture. Row by row, a triangle covers what
     lies between its edges.
     """
-    shown, nearest, planes = np.full(width * height, -1), np.full(width * height, np.inf), _planes(corners)
+    printed, nearest, planes = np.full(width * height, -1), np.full(width * height, np.inf), _planes(corners)
     low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(int)
     high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(int)
     for chunk in np.array_split(np.flatnonzero(high > low), max(1, len(corners) // 20_000)):
@@ -135,8 +135,8 @@ def rasterize(corners: Array, width: int, height: int) -> tuple[Index, Array]:
         # The last of several values for one place stays: the nearest.
         order = np.argsort(-depth, kind="stable")
         order = order[depth[order] < nearest[pixel[order]]]
-        nearest[pixel[order]], shown[pixel[order]] = depth[order], one[order]
-    return shown.reshape(height, width), nearest.reshape(height, width)
+        nearest[pixel[order]], printed[pixel[order]] = depth[order], one[order]
+    return printed.reshape(height, width), nearest.reshape(height, width)
 
 
 def _planes(corners: Array) -> Array:

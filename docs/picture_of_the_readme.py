@@ -25,8 +25,8 @@ def main(target: str) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
 
-        def run(*words: str | Path) -> str:
-            command = [sys.executable, *words]
+        def run(*arguments: str | Path) -> str:
+            command = [sys.executable, *arguments]
             return subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
         answer = run("-m", "markergen", *COMMAND.split())

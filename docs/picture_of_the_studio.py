@@ -58,15 +58,15 @@ def main() -> None:
     parser.add_argument("light", type=Path)
     parser.add_argument("dark", type=Path)
     parser.add_argument("--chromium", default=os.environ.get("CHROMIUM") or shutil.which("chromium"))
-    given = parser.parse_args()
-    command = [sys.executable, "-m", "markergen", "studio", str(given.file), "--no-browser"]
+    stated = parser.parse_args()
+    command = [sys.executable, "-m", "markergen", "studio", str(stated.file), "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert server.stdout
         address = re.search(r"http://\S+/", server.stdout.readline())
         if not address:
             sys.exit("expected the address of the studio, found none; see what it says above")
-        pictures(address[0], given.chromium, given.light, given.dark)
+        pictures(address[0], stated.chromium, stated.light, stated.dark)
     finally:
         server.terminate()
         server.wait(20)

@@ -18,7 +18,7 @@ WIDTH = 360
 
 def draw(name: str, folder: Path) -> None:
     """Write the picture of a template; a search takes from 3 to 40 s."""
-    rig = next(each for each in overview().templates if each.name == name).command == "rig"
+    rig = next(template for template in overview().templates if template.name == name).command == "rig"
     target: mg.Marker | mg.Rig = mg.rig(template=name).rig if rig else mg.design(template=name).marker
     if isinstance(target, mg.Marker) and not target.height:
         # Pages may be dark, dots are.

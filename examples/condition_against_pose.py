@@ -14,9 +14,9 @@ def main(counts: list[int]) -> None:
     for n in counts:
         bounds = {}
         for objective in ("condition", "pose"):
-            found = mg.design(n=n, objective=objective, dot=0, clearance=0)
-            bounds[objective] = found.criteria["design"]["rotation_deg"]
-            bounds["ngon"] = found.criteria["ngon"]["rotation_deg"]
+            design = mg.design(n=n, objective=objective, dot=0, clearance=0)
+            bounds[objective] = design.criteria["design"]["rotation_deg"]
+            bounds["ngon"] = design.criteria["ngon"]["rotation_deg"]
         print(f"{n:>2} {bounds['condition']:>10.3f} {bounds['pose']:>6.3f} {bounds['ngon']:>11.3f}")
 
 

@@ -7,11 +7,11 @@ import markergen as mg
 
 
 def main(folder: Path) -> None:
-    found = mg.rig("cube", edge="60mm", n=4, tag="aruco:DICT_4X4_50", poses="sphere:distance=0.2..0.4m,count=100")
-    print(found)
-    for file in found.rig.save(folder / "cube.json", folder / "faces.pdf", paper="A4"):
+    rig = mg.rig("cube", edge="60mm", n=4, tag="aruco:DICT_4X4_50", poses="sphere:distance=0.2..0.4m,count=100")
+    print(rig)
+    for file in rig.rig.save(folder / "cube.json", folder / "faces.pdf", paper="A4"):
         print(file)
-    for file in found.rig.save(folder / "net.pdf", net=True):
+    for file in rig.rig.save(folder / "net.pdf", net=True):
         print(file)
 
 

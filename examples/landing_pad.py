@@ -18,13 +18,13 @@ CAMERA = mg.Camera(640, 480, 800, 800, 320, 240)
 def main(name: str) -> None:
     """Design the pad, and print how well the drone's pose is found at some heights in rendered views."""
     volume = "cone:distance=0.3..10m,tilt=0..45"
-    found = mg.design(n="auto", radius="500mm", poses=volume, output=f"{name}.json", coverage=f"{name}.svg")
-    print(found)
-    detector = mg.Detector(found.marker, CAMERA)
+    design = mg.design(n="auto", radius="500mm", poses=volume, output=f"{name}.json", coverage=f"{name}.svg")
+    print(design)
+    detector = mg.Detector(design.marker, CAMERA)
     for height in (9, 3, 1, 0.4):
         there = named_poses(f"cone:distance={height},tilt=20,count=1")
         rotation, translation = there.rotation[0], there.translation[0]
-        image = render_view(found.marker, CAMERA, rotation, translation, Optics(), np.random.default_rng(0))
+        image = render_view(design.marker, CAMERA, rotation, translation, Optics(), np.random.default_rng(0))
         seen = detector(image)[0]
         assert seen.pose
         off = np.rad2deg(angle_between(seen.pose.rotation, rotation))

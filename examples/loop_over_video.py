@@ -21,12 +21,12 @@ def main(marker: str, camera: str, video: str, annotated: str | None) -> None:
         target.open(annotated, cv2.VideoWriter.fourcc(*"MJPG"), source.get(cv2.CAP_PROP_FPS), size)
     number, results, (ok, frame) = 0, list[mg.Found](), source.read()
     while ok:
-        for found in (results := detector(frame, near=results)):
-            if found.rvec is not None and found.tvec is not None:
-                print(f"frame {number}: rvec {found.rvec.ravel()} tvec {found.tvec.ravel()} m")
+        for finding in (results := detector(frame, near=results)):
+            if finding.rvec is not None and finding.tvec is not None:
+                print(f"frame {number}: rvec {finding.rvec.ravel()} tvec {finding.tvec.ravel()} m")
             else:
-                print(f"frame {number}: {found.reason}")
-            found.draw(frame)
+                print(f"frame {number}: {finding.reason}")
+            finding.draw(frame)
         target.write(frame)
         number, (ok, frame) = number + 1, source.read()
     target.release()

@@ -32,8 +32,8 @@ def main(marker: Path, folder: Path) -> None:
         rotation = rotation_z(1.6 * k) @ exponential(lean) @ np.diag([1.0, -1.0, -1.0])
         image = render_view(printed, CAMERA, rotation, np.array([0.01, 0, 0.6 + 0.02 * k]), Optics(), rng)
         cv2.imwrite(str(photos / f"{k:02}.png"), image)
-    found = mg.calibrate(design, photos, CAMERA, save=[folder / "measured.json", folder / "calibration.html"])
-    print(found)
+    calibration = mg.calibrate(design, photos, CAMERA, save=[folder / "measured.json", folder / "calibration.html"])
+    print(calibration)
 
 
 if __name__ == "__main__":

@@ -15,9 +15,9 @@ from markergen.validation.views import SyntheticViews
 
 def main(path: Path) -> None:
     """Design the default marker and view it once, at a steep angle, through a slightly blurred lens."""
-    found = design(Spec())
-    setting = found.setting
-    series = SyntheticViews(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))
+    actual = design(Spec())
+    setting = actual.setting
+    series = SyntheticViews(actual.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))
     view = series.take(1)
     path.write_bytes(overlay(view.image, [view.detection]))
     print(f"pose {view.pose}: {'found' if view.detection.ok else view.detection.reason}")

@@ -21,8 +21,8 @@ def main(folder: Path) -> None:
     """Run the sweep on all processors and print the rotation error of LM against the number of dots."""
     study = mg.study(SWEEP, folder)
     table = study.to_frame()
-    shown = table[(table.estimator == "lm") & (table.polar_angle_deg == "all")]
-    print(shown.pivot(index="n", columns="layout", values="rotation_rms_deg").round(3))
+    printed = table[(table.estimator == "lm") & (table.polar_angle_deg == "all")]
+    print(printed.pivot(index="n", columns="layout", values="rotation_rms_deg").round(3))
     print(f"figures and page: {folder / 'index.html'}")
 
 

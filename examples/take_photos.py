@@ -24,13 +24,13 @@ POSES = (10, 130, 190, 250, 330, 395)
 
 def main(marker: Path, folder: Path) -> None:
     """Write six photos, each from a different pose, and the camera's calibration in ROS format."""
-    found, poses = mg.Marker.load(marker), paper()
+    result, poses = mg.Marker.load(marker), paper()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "camera.yaml").write_text(CALIBRATION)
     camera = mg.Camera.load(folder / "camera.yaml")
     for k, rng in ((k, np.random.default_rng(k)) for k in POSES):
         scenery = Scenery(BACKGROUNDS["clutter"](camera, rng))
-        image = render_view(found, camera, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
+        image = render_view(result, camera, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
         cv2.imwrite(str(folder / f"photo-{k:03d}.png"), image)
     print(f"wrote {len(POSES)} photos and camera.yaml to {folder}")
 

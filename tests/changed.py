@@ -33,9 +33,9 @@ def main() -> None:
     print(*selected(changed, ROOT), sep="\n")
 
 
-def git(*words: str) -> list[str]:
+def git(*phrase: str) -> list[str]:
     """Return the lines that a command of git prints."""
-    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(["git", *phrase], cwd=ROOT, capture_output=True, text=True, check=True)
     return done.stdout.splitlines()
 
 

@@ -28,11 +28,11 @@ SLOW = {
 def test_examples_in_docstrings(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)
-    told = []
+    output = []
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
     for example in doctest.DocTestFinder(exclude_empty=True).find(module, name):
-        runner.run(example, out=told.append)
+        runner.run(example, out=output.append)
     # An example that doctest does not see, in a comment or on a constant, proves nothing.
     seen = Path(module.__file__).read_text(encoding="utf-8").count(">>> ")
-    assert not runner.failures, "".join(told)
+    assert not runner.failures, "".join(output)
     assert runner.tries == seen

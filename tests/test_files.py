@@ -85,11 +85,11 @@ def test_a_pipe_stays_a_pipe(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("path", "words"), [("none/a.json", "none does not exist"), (".", "Is a directory"), ("f/a", "Not a dir")]
+    ("path", "phrase"), [("none/a.json", "none does not exist"), (".", "Is a directory"), ("f/a", "Not a dir")]
 )
-def test_folders_are_checked_before_the_work(tmp_path, path, words):
+def test_folders_are_checked_before_the_work(tmp_path, path, phrase):
     (tmp_path / "f").write_bytes(b"")
-    with pytest.raises(OutputError, match=words):
+    with pytest.raises(OutputError, match=phrase):
         files.check_folder(tmp_path / path)
     files.check_folder(tmp_path / "fine.json")
 

@@ -115,19 +115,19 @@ def test_a_day_with_the_library(tmp_path, monkeypatch):
     grey = render_view(marker, camera, *pose, Optics(), np.random.default_rng(0))
     frame = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     for image in (frame, grey, cv2.cvtColor(grey, cv2.COLOR_GRAY2BGRA), grey.astype(np.uint16) * 256):
-        [found] = detector(image)
-        assert found.ok, found.reason
-        assert found.reason == ""
-        assert found.pixels.shape == (len(found.ids), 2)
-        assert found.covariance.shape == (6, 6)
-        seen, _ = cv2.projectPoints(found.xyz, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
+        [finding] = detector(image)
+        assert finding.ok, finding.reason
+        assert finding.reason == ""
+        assert finding.pixels.shape == (len(finding.ids), 2)
+        assert finding.covariance.shape == (6, 6)
+        seen, _ = cv2.projectPoints(finding.xyz, finding.rvec, finding.tvec, camera.matrix, camera.cv2_distortion)
         # A hundredth of a pixel is what noise of 2 grey levels does to dots of this size.
-        assert np.abs(seen[:, 0] - found.pixels).max() < 0.1
+        assert np.abs(seen[:, 0] - finding.pixels).max() < 0.1
         # In m: three standard deviations of the pose's own covariance, with 0.1 mm of print error.
-        sigma = np.sqrt(np.diag(found.covariance)[3:])
-        assert (np.abs(found.tvec[:, 0] - pose[1]) < 5 * sigma).all()
+        sigma = np.sqrt(np.diag(finding.covariance)[3:])
+        assert (np.abs(finding.tvec[:, 0] - pose[1]) < 5 * sigma).all()
     before = frame.copy()
-    assert found.draw(frame) is frame
+    assert finding.draw(frame) is frame
     assert (frame != before).any()
     assert len(detector.dots(frame)) >= 4
 
@@ -152,8 +152,8 @@ def test_what_is_wrong_is_told_by_our_own_errors(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     function = getattr(mg, name)
     needed = [
-        each for each in inspect.signature(function).parameters.values()
-        if each.kind is each.POSITIONAL_OR_KEYWORD and each.default is each.empty
+        parameter for parameter in inspect.signature(function).parameters.values()
+        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and parameter.default is parameter.empty
     ]  # fmt: skip
     for wrong in (3, object(), b"marker.json", {"a": 1}, [None]):
         with pytest.raises(mg.MarkergenError):

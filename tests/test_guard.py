@@ -81,7 +81,7 @@ def test_what_is_no_file_is_refused_in_one_line(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
     closed = io.StringIO()
     closed.close()
-    for source, said in (
+    for source, message in (
         (tmp_path / "none", "a readable camera file at .*none, found No such file or directory; check the path"),
         (tmp_path, "found Is a directory"),
         (tmp_path / "empty", "a camera file at .*empty, found an empty file"),
@@ -91,7 +91,7 @@ def test_what_is_no_file_is_refused_in_one_line(tmp_path, monkeypatch):
         (closed, "a readable camera file at the open file, found I/O operation on closed file"),
         (io.StringIO("a" * 1001), "at most 1 kB"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             read(source, "camera")
     with pytest.raises(InputError, match="not UTF-8 text"):
         text_of(Content("a", b"\xff"))

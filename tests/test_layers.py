@@ -96,27 +96,27 @@ def doors(path: Path) -> Iterator[tuple[tuple[str, str], str]]:
 
 def imported(path: Path) -> set[str]:
     """Top-level parts of markergen that a module imports."""
-    found = set()
+    result = set()
     for node in import_statements(path):
         if isinstance(node, ast.ImportFrom):
             assert not node.level, "imports are absolute"
             if node.module == "markergen":
-                found.update(alias.name for alias in node.names if alias.name in LEVEL)
+                result.update(alias.name for alias in node.names if alias.name in LEVEL)
             elif (node.module or "").startswith("markergen."):
-                found.add(node.module.split(".")[1])
+                result.add(node.module.split(".")[1])
         else:
-            found.update(alias.name.split(".")[1] for alias in node.names if alias.name.startswith("markergen."))
-    return found
+            result.update(alias.name.split(".")[1] for alias in node.names if alias.name.startswith("markergen."))
+    return result
 
 
 def needed(name: str, path: Path) -> set[str]:
     """Modules that a module imports, also within its functions."""
-    found = set()
+    result = set()
     for node in import_statements(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "markergen":
             parts = {f"{node.module}.{alias.name}" for alias in node.names}
-            found |= {each if each in PATHS else str(node.module) for each in parts}
-    return found - {name}
+            result |= {part if part in PATHS else str(node.module) for part in parts}
+    return result - {name}
 
 
 def part_of(path: Path) -> str:
@@ -136,7 +136,7 @@ def test_leaves_import_the_core_and_never_each_other():
 
 
 def test_there_are_no_other_doors():
-    assert dict(each for path in MODULES for each in doors(path)) == DOORS
+    assert dict(door for path in MODULES for door in doors(path)) == DOORS
     # By name, nothing else is imported but entries of tables and what the package shows at its front.
     by_name = {part_of(path) for path in MODULES if "import_module(" in path.read_text()}
     assert by_name == {"__init__", "cli", "registry", "exporters", "occt", "read", "solid"}
@@ -147,11 +147,11 @@ def test_a_door_leads_to_what_takes_the_same_arguments(where, room):
     (file, method), (module, _, name) = where, room.rpartition(".")
     kind, _, method = method.partition(".")
     holder = getattr(import_module(f"markergen.{file.removesuffix('.py').replace('/', '.')}"), kind)
-    given = list(signature(getattr(holder, method)).parameters.values())
+    stated = list(signature(getattr(holder, method)).parameters.values())
     taken = list(signature(getattr(import_module(f"markergen.{module}"), name)).parameters.values())
-    own = [each for each in given if each.kind is not Parameter.VAR_KEYWORD]
-    assert [(each.kind, each.default) for each in own] == [(each.kind, each.default) for each in taken[: len(own)]]
-    assert len(own) < len(given) or len(own) == len(taken)
+    ours = [item for item in stated if item.kind is not Parameter.VAR_KEYWORD]
+    assert [(item.kind, item.default) for item in ours] == [(item.kind, item.default) for item in taken[: len(ours)]]
+    assert len(ours) < len(stated) or len(ours) == len(taken)
 
 
 def test_no_module_needs_itself():

@@ -56,9 +56,9 @@ def test_what_is_imported_is_declared():
 
 
 def test_all_has_every_extra():
-    (own,) = (each for each in EXTRAS["all"] if named(each) == "markergen")
+    (ours,) = (item for item in EXTRAS["all"] if named(item) == "markergen")
     # The extra step is instead of solids: two distributions of OCP would overwrite each other's files.
-    assert set(re.search(r"\[(.*)\]", own).group(1).split(",")) == set(EXTRAS) - {"all", "step"}
+    assert set(re.search(r"\[(.*)\]", ours).group(1).split(",")) == set(EXTRAS) - {"all", "step"}
 
 
 def test_every_requirement_is_pinned_by_version_alone():

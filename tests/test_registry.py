@@ -84,16 +84,16 @@ def test_those_that_do_not_work_are_left_out_with_a_warning(plugged, caplog):
     with caplog.at_level(logging.WARNING, "markergen"):
         assert list(plugged) == ["one", "two"]
         assert list(plugged) == ["one", "two"]
-    said = [record.getMessage() for record in caplog.records if record.name == "markergen"]
-    assert len(said) == 6
-    assert all("\n" not in words for words in said)
-    taken = next(words for words in said if "'one'" in words)
+    message = [record.getMessage() for record in caplog.records if record.name == "markergen"]
+    assert len(message) == 6
+    assert all("\n" not in phrase for phrase in message)
+    taken = next(phrase for phrase in message if "'one'" in phrase)
     assert "package odd-numbers, but markergen" in taken
     assert plugged["one"] == 1
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "phrase"),
     [
         ("four", "bad_numbers:four of the package bad-numbers fails with RuntimeError: broken inside"),
         ("five", "odd_numbers:five of the package odd-numbers is str, and not an instance of int"),
@@ -102,12 +102,12 @@ def test_those_that_do_not_work_are_left_out_with_a_warning(plugged, caplog):
         ("three", "it in good_numbers:three of the package good-numbers and in odd_numbers:three of the package odd"),
     ],
 )
-def test_whoever_asks_for_one_is_told_why(plugged, name, words):
+def test_whoever_asks_for_one_is_told_why(plugged, name, phrase):
     assert name in plugged
     for _ in range(2):
         with pytest.raises(InputError, match=f"a working number '{name}'") as caught:
             plugged[name]
-        assert words in str(caught.value)
+        assert phrase in str(caught.value)
         assert "\n" not in str(caught.value)
 
 

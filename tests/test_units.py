@@ -65,20 +65,20 @@ def test_lengths_beyond_a_kilometer_are_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "phrase"),
     [
         ({"dot": 1e-9}, "dot=1e-09 (a length of 1 um to 1 km"), ({"radius": 2e3}, "radius=2000.0 (a length of 1 um to"),
         ({"dot": "0.5um"}, "a length of 1 um to 1 km"), ({"print_sigma": 1e-9}, ""), ({"dot": 0}, ""),
         ({"clearance": "0mm"}, ""), ({"dot": "1um"}, ""),
     ],
 )  # fmt: skip
-def test_sizes_of_options(options, words):
-    if not words:
+def test_sizes_of_options(options, phrase):
+    if not phrase:
         settle(options, DesignKeywords)
         return
     with pytest.raises(InputError) as caught:
         settle(options, DesignKeywords)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
 
 
 def test_sizes_in_files_and_of_shapes():

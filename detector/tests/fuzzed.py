@@ -44,7 +44,7 @@ def seen(rng, body, x, y):
     """A body from the front, as a camera with this focal length at most sees it: dots, and a square for a tag."""
     height, width = x.shape
     ink, extent = np.zeros(x.shape), max(np.abs([dot["xyz"] for dot in body["dots"]]).max(), 1e-9)
-    cosine, sine = np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)
+    cosine, sine = np.cos(rotation := rng.uniform(0, 2 * np.pi)), np.sin(rotation)
     scale = min(height, width) / extent * rng.uniform(0.2, 0.6)
     places = [(dot["xyz"], dot["diameter"] / 2, dot["kind"] == "ring") for dot in body["dots"] if dot["plate"] == 0]
     for (u, v, _), radius, ring in places:
@@ -128,7 +128,7 @@ def checked(finding: Finding):
 
 
 def main(seed, rounds):
-    rng, found = np.random.default_rng(seed), 0
+    rng, result = np.random.default_rng(seed), 0
     for _ in range(rounds):
         height, width = rng.choice(SIZES[-3:] if rng.random() < 0.5 else SIZES, 2)
         content = {"format": "markergen-detector", "version": 1, "unit": "m"}
@@ -146,8 +146,8 @@ def main(seed, rounds):
             findings = detector(random_image(rng, height, width, content["bodies"][0]), findings, deadline=deadline)
             for finding in findings:
                 checked(finding)
-                found += finding.ok
-    print(f"{rounds} rounds, {found} found")
+                result += finding.ok
+    print(f"{rounds} rounds, {result} found")
 
 
 if __name__ == "__main__":

@@ -18,13 +18,13 @@ def image_struct(image, inverted=False):
 
 
 def find_blobs(image, smallest=0.0, most=10_000, inverted=False):
-    found = c_void_p()
-    count = library().find_blobs(byref(image_struct(image, inverted)), smallest, most, byref(found))
+    actual = c_void_p()
+    count = library().find_blobs(byref(image_struct(image, inverted)), smallest, most, byref(actual))
     assert count >= 0
-    blobs = np.frombuffer(ctypes.string_at(found, count * BLOB.itemsize), BLOB).copy()
+    blobs = np.frombuffer(ctypes.string_at(actual, count * BLOB.itemsize), BLOB).copy()
     free = ctypes.CDLL(None).free
     free.argtypes = [c_void_p]
-    free(found)
+    free(actual)
     return blobs
 
 

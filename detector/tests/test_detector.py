@@ -119,8 +119,8 @@ SEEN_AS = {
 def test_a_plate_that_is_not_as_described_is_named(name):
     state, reason, left, right = SEEN_AS[name]
     plates = [plate("left", translation=(-APART).tolist()), plate("right", translation=APART.tolist())]
-    own = [np.array(PLACES) - APART, np.array(OTHER) + APART]
-    rows = [dot for k in (0, 1) for dot in dots(k, 5 * k, own[k].tolist())]
+    ours = [np.array(PLACES) - APART, np.array(OTHER) + APART]
+    rows = [dot for k in (0, 1) for dot in dots(k, 5 * k, ours[k].tolist())]
     body = content({**entry(plates=plates, dots=rows), "frame": "rig"})
     image = np.minimum(frame(np.array(left) - APART)[0], frame(np.array(right) + APART)[0])
     (finding,) = Detector(body, CAMERA)(image)
@@ -128,10 +128,10 @@ def test_a_plate_that_is_not_as_described_is_named(name):
 
 
 def test_threads_share_a_detector(view):
-    detector, found = Detector(BOARD, CAMERA), []
-    threads = [threading.Thread(target=lambda: found.append(detector(view[0])[0])) for _ in range(4)]
+    detector, findings = Detector(BOARD, CAMERA), []
+    threads = [threading.Thread(target=lambda: findings.append(detector(view[0])[0])) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len({finding.translation.tobytes() for finding in found}) == 1
+    assert len({finding.translation.tobytes() for finding in findings}) == 1

@@ -154,8 +154,8 @@ def test_a_refused_blob_stays_as_rough_as_it_was(rng):
 def test_only_those_asked_for_are_fitted(rng):
     image = drawn(SHAPE, grid(rng, 8.0, SHAPE), rng)
     blobs = find_blobs(image)
-    some = fit_blobs(image, blobs, [3, 5])
-    assert np.flatnonzero(some["state"] != blobs["state"]).tolist() == [3, 5]
+    subset = fit_blobs(image, blobs, [3, 5])
+    assert np.flatnonzero(subset["state"] != blobs["state"]).tolist() == [3, 5]
     np.testing.assert_array_equal(fit_blobs(image, blobs, []), blobs)
 
 

@@ -42,16 +42,16 @@ def test_dots_are_found_at_their_places_with_their_sizes(rng, semi, kind):
     blobs = find_blobs(~image if kind == "light" else image, inverted=kind == "light")
     at = matched(blobs, dots[:, :2])
     assert (at >= 0).all()
-    found = blobs[at]
-    assert (found["state"] == ROUGH).all()
-    off = np.linalg.norm(found["center"] - dots[:, :2], axis=1)
+    actual = blobs[at]
+    assert (actual["state"] == ROUGH).all()
+    off = np.linalg.norm(actual["center"] - dots[:, :2], axis=1)
     assert np.median(off) < 0.05 + 0.002 * semi
     assert off.max() < 0.25 + 0.01 * semi
-    assert_allclose(found["semi"], dots[:, 2:4], atol=0.3 + 0.01 * semi)
-    assert (found["hole"] < 0.3).all()
+    assert_allclose(actual["semi"], dots[:, 2:4], atol=0.3 + 0.01 * semi)
+    assert (actual["hole"] < 0.3).all()
     factor = 100 if kind == "wide" else 1
-    assert_allclose(found["light"], 200 * factor, atol=5 * factor)
-    assert_allclose(found["dark"], 40 * factor, atol=20 * factor)
+    assert_allclose(actual["light"], 200 * factor, atol=5 * factor)
+    assert_allclose(actual["dark"], 40 * factor, atol=20 * factor)
     # Dots come before all else.
     assert sorted(at) == list(range(len(dots)))
 
@@ -135,8 +135,8 @@ def test_faint_dots_are_found_if_the_noise_is_less(rng):
 def test_the_blur_is_that_of_lens_and_pixel(rng, blur):
     dots = grid(rng, 14.0, (420, 560))
     blobs = find_blobs(drawn((420, 560), dots, rng, blur=blur))
-    found = blobs[matched(blobs, dots[:, :2])]
-    assert np.median(found["blur"]) == pytest.approx(np.hypot(blur, 12**-0.5), rel=0.1)
+    actual = blobs[matched(blobs, dots[:, :2])]
+    assert np.median(actual["blur"]) == pytest.approx(np.hypot(blur, 12**-0.5), rel=0.1)
 
 
 def test_a_coarser_first_level_leaves_small_dots_out_and_finds_large_ones_alike(rng):
@@ -145,8 +145,8 @@ def test_a_coarser_first_level_leaves_small_dots_out_and_finds_large_ones_alike(
     image = drawn((420, 560), np.concatenate([large, small[far]]), rng)
     blobs = find_blobs(image, smallest=20.0)
     assert (blobs["semi"].max(axis=1) > 4).all()
-    found = blobs[matched(blobs, large[:, :2])]
-    assert np.linalg.norm(found["center"] - large[:, :2], axis=1).max() < 0.5
+    actual = blobs[matched(blobs, large[:, :2])]
+    assert np.linalg.norm(actual["center"] - large[:, :2], axis=1).max() < 0.5
 
 
 def test_the_rows_may_be_those_of_a_window_of_an_image(rng):

@@ -168,10 +168,10 @@ def test_an_outline_through_a_lens_is_fitted_by_an_ellipse(name, grid):
     lens = Lens(SAMPLED, grid=grid) if name == "sampled" else Lens(*LENSES[name], reach=3)
     center, semi, angle = np.array([80.0, 70.0]), np.array([40.0, 15.0]), 0.4
     blob = undone(lens, center, semi, angle)
-    turn = 2 * np.pi * np.arange(400) / 400
+    rotation = 2 * np.pi * np.arange(400) / 400
     axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) * semi
-    points, _ = to_rays(lens, center + np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ axes.T)
-    weight = np.linalg.norm(np.stack([-np.sin(turn), np.cos(turn)], axis=-1) @ axes.T, axis=-1)
+    points, _ = to_rays(lens, center + np.stack([np.cos(rotation), np.sin(rotation)], axis=-1) @ axes.T)
+    weight = np.linalg.norm(np.stack([-np.sin(rotation), np.cos(rotation)], axis=-1) @ axes.T, axis=-1)
     by_pixels = np.linalg.inv(to_pixels(lens, points)[1])
 
     def rows(state):
@@ -207,9 +207,9 @@ def test_an_outline_is_bent_by_the_lens_to_one_that_is_an_ellipse_without_it(nam
     blob["center"], blob["semi"], blob["angle"], blob["state"] = (120, 100), (45, 30), 0.4, FITTED
     bend = np.zeros(16)
     library().outline_bend(lens.at, pointer(blob), 16, pointer(bend))
-    turn, axis = 2 * np.pi * (np.arange(16) + 0.5) / 16, np.array([np.cos(0.4), np.sin(0.4)])
+    rotation, axis = 2 * np.pi * (np.arange(16) + 0.5) / 16, np.array([np.cos(0.4), np.sin(0.4)])
     root = 30 * np.eye(2) + 15 * np.outer(axis, axis)
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    circle = np.stack([np.cos(rotation), np.sin(rotation)], axis=-1)
     normal = circle @ np.linalg.inv(root)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     ellipse = undone(lens, (120, 100), (45, 30), 0.4)

@@ -74,12 +74,12 @@ def test_refinement_ends_at_a_minimum(rng, focal):
     pose = pose_of(rotation, translation)
     seen = outlines(dots, pose)["center"] + rng.normal(0, 1e-3, (15, 2))
     weight = np.full((15, 3), 1e6) * [1, 0.2, 1]
-    found = pose_of(turn([0.02, -0.03, 0.01]) @ rotation, translation * 1.02)
-    chi2 = refine(dots, seen, weight, found, focal)
+    actual = pose_of(turn([0.02, -0.03, 0.01]) @ rotation, translation * 1.02)
+    chi2 = refine(dots, seen, weight, actual, focal)
 
     def cost(step):
-        scale = found["focal"] * np.exp(step[6])
-        moved = pose_of(turn(step[:3]) @ found["R"][0], found["t"][0] + step[3:6], scale)
+        scale = actual["focal"] * np.exp(step[6])
+        moved = pose_of(turn(step[:3]) @ actual["R"][0], actual["t"][0] + step[3:6], scale)
         prior = (np.log(scale[0]) / focal) ** 2 if focal else 0.0
         return chi2_of(dots, seen, weight, moved) + prior
 
@@ -90,7 +90,7 @@ def test_refinement_ends_at_a_minimum(rng, focal):
     curvature = np.array([cost(move) + cost(-move) - 2 * chi2 for move in step]) / 1e-10
     # Its derivatives are those of the disks' centers.
     assert_allclose(gradient / np.sqrt(curvature / 2), 0, atol=2e-2)
-    assert (found["focal"] != 1) == bool(focal)
+    assert (actual["focal"] != 1) == bool(focal)
 
 
 def test_the_mirrored_pose_reflects_the_normal(rng):
@@ -117,9 +117,9 @@ def test_covariances_have_the_closed_form(rng):
     errors = ErrorsStruct(3, *(array.ctypes.data for array in (moved, alone, factor)))
     pixels = pixels_of(struct, outlines(dots, pose_of(*pose))["center"])
     sigma = rng.uniform(0.02, 0.06, n)
-    kept, found, _ = estimate(dots, blobs_of(struct, pixels, sigma), struct, pose_of(*pose), errors)
+    kept, actual, _ = estimate(dots, blobs_of(struct, pixels, sigma), struct, pose_of(*pose), errors)
     assert kept == n
-    assert found["scale"] == 1
+    assert actual["scale"] == 1
 
     def image(step=NOTHING, places=0.0, parameters=NOTHING):
         place = (dots["place"] + places) @ (turn(step[:3]) @ pose[0]).T + pose[1] + step[3:6]
@@ -132,26 +132,26 @@ def test_covariances_have_the_closed_form(rng):
 
     rows = derivative("step", 1e-6 * np.eye(6))
     shifted = derivative("places", 1e-6 * np.eye(3)[:, None, :]).reshape(n, 2, 3)
-    noise, printed, own = np.zeros((3, 2 * n, 2 * n))
+    noise, printed, ours = np.zeros((3, 2 * n, 2 * n))
     for i in range(n):
         part = slice(2 * i, 2 * i + 2)
         noise[part, part] = sigma[i] ** 2 * np.eye(2)
         printed[part, part] = shifted[i] @ dots["print"][i] @ shifted[i].T
-        own[part, part] = shifted[i] @ alone[i] @ shifted[i].T
+        ours[part, part] = shifted[i] @ alone[i] @ shifted[i].T
     weighted = np.linalg.solve(noise + printed, rows)
     gain = weighted @ np.linalg.inv(rows.T @ weighted)
     together = np.einsum("nij,njk->nik", shifted, moved).reshape(2 * n, 3)
     lens = derivative("parameters", 1e-6 * np.eye(9))
     for name, part in (
         ("image", noise),
-        ("print", own + together @ together.T),
+        ("print", ours + together @ together.T),
         ("calibration", lens @ calibration @ lens.T),
     ):
         reference = gain.T @ part @ gain
         size = np.sqrt(np.diag(reference))
         # The image's covariance is carried through the lens at the ellipses' centers.
-        assert_allclose(found[name] / size / size[:, None], reference / size / size[:, None], atol=1e-3)
-    assert_allclose(found["covariance"], found["image"] + found["print"] + found["calibration"])
+        assert_allclose(actual[name] / size / size[:, None], reference / size / size[:, None], atol=1e-3)
+    assert_allclose(actual["covariance"], actual["image"] + actual["print"] + actual["calibration"])
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(2000, marks=pytest.mark.long)])
@@ -164,8 +164,8 @@ def test_regions_of_95_percent_hold_as_many(rng, body, count):
         dots, pose = rig(rng, 8) if body == "rig" else (plate(rng, 16), facing_pose(rng))
         moved = common_errors(rng, dots)
         real = dots.copy()
-        own = np.einsum("nij,nj->ni", dots["print"] / 1e-4, rng.normal(size=(len(dots), 3)))
-        real["place"] += own + moved @ rng.normal(size=3)
+        ours = np.einsum("nij,nj->ni", dots["print"] / 1e-4, rng.normal(size=(len(dots), 3)))
+        real["place"] += ours + moved @ rng.normal(size=3)
         parameters = root @ rng.normal(size=9)
         real_camera, struct = camera([c + p for c, p in zip(RADTAN, parameters[4:], strict=True)]), camera(RADTAN)
         real_camera.fx, real_camera.fy, real_camera.cx, real_camera.cy = np.array([*FOCAL, *CENTER]) + parameters[:4]
@@ -174,11 +174,11 @@ def test_regions_of_95_percent_hold_as_many(rng, body, count):
         dots["print"] += moved @ moved.swapaxes(1, 2)
         errors = ErrorsStruct(3, moved.ctypes.data, alone.ctypes.data, root.ctypes.data)
         start = pose_of(turn(rng.normal(0, 3e-3, 3)) @ pose[0], pose[1] * 1.003)
-        _, found, _ = estimate(dots, blobs_of(struct, pixels, 0.04), struct, start, errors)
-        wrong = found["pose"]["R"] @ pose[0].T
+        _, actual, _ = estimate(dots, blobs_of(struct, pixels, 0.04), struct, start, errors)
+        wrong = actual["pose"]["R"] @ pose[0].T
         error = np.array([wrong[2, 1] - wrong[1, 2], wrong[0, 2] - wrong[2, 0], wrong[1, 0] - wrong[0, 1]]) / 2
-        error = np.concatenate([error, found["pose"]["t"] - pose[1]])
-        inside += error @ np.linalg.solve(found["covariance"], error) < CHI2_6
+        error = np.concatenate([error, actual["pose"]["t"] - pose[1]])
+        inside += error @ np.linalg.solve(actual["covariance"], error) < CHI2_6
     # 2 % for 2,000 poses.
     assert abs(inside / count - 0.95) < 4.1 * np.sqrt(0.95 * 0.05 / count)
 
@@ -188,22 +188,22 @@ def test_outliers_are_dropped_and_become_the_last(rng, n):
     dots, pose, struct = plate(rng, n), facing_pose(rng), camera()
     pixels = pixels_of(struct, outlines(dots, pose_of(*pose))["center"]) + rng.normal(0, 0.03, (n, 2))
     pixels[2] += [3, -2]
-    kept, found, matches = estimate(dots, blobs_of(struct, pixels, 0.03), struct, pose_of(*pose))
-    assert kept == found["count"] == n - 1
+    kept, actual, matches = estimate(dots, blobs_of(struct, pixels, 0.03), struct, pose_of(*pose))
+    assert kept == actual["count"] == n - 1
     assert list(matches["dot"]) == [*(i for i in range(n) if i != 2), 2]
-    assert found["freedom"] == 2 * n - 8
+    assert actual["freedom"] == 2 * n - 8
     alone = estimate(dots, blobs_of(struct, pixels, 0.03), struct, pose_of(*pose), matches=np.delete(matched(n), 2))
-    assert_allclose(found["pose"]["t"], alone[1]["pose"]["t"], rtol=1e-6)
+    assert_allclose(actual["pose"]["t"], alone[1]["pose"]["t"], rtol=1e-6)
 
 
 def test_the_other_pose_of_a_far_plate(rng):
     dots, struct = plate(rng, 8), camera()
     rotation, translation = facing_pose(rng, tilt=0.3, near=4, far=5)
     blobs = blobs_of(struct, pixels_of(struct, outlines(dots, pose_of(rotation, translation))["center"]), 0.05)
-    _, found, _ = estimate(dots, blobs, struct, pose_of(rotation, translation))
-    assert CONTENDER < found["likelihood"] <= 1
-    _, other, _ = estimate(dots, blobs, struct, found["other"].reshape(1))
-    assert_allclose(other["pose"]["R"], found["pose"]["R"], atol=1e-3)
+    _, actual, _ = estimate(dots, blobs, struct, pose_of(rotation, translation))
+    assert CONTENDER < actual["likelihood"] <= 1
+    _, other, _ = estimate(dots, blobs, struct, actual["other"].reshape(1))
+    assert_allclose(other["pose"]["R"], actual["pose"]["R"], atol=1e-3)
     close = facing_pose(rng, tilt=0.7, near=0.2, far=0.25)
     blobs = blobs_of(struct, pixels_of(struct, outlines(dots, pose_of(*close))["center"]), 0.05)
     assert estimate(dots, blobs, struct, pose_of(*close))[1]["likelihood"] == 0
@@ -225,15 +225,15 @@ def plane_homography(pose):
 @pytest.mark.parametrize("lens", [(), RADTAN])
 def test_homography_without_a_camera(rng, on_a_line, lens):
     dots, pose, struct = plate(rng, 9), facing_pose(rng), camera(lens)
-    corrected, found = np.zeros((9, 2)), np.zeros((3, 3))
+    corrected, actual = np.zeros((9, 2)), np.zeros((3, 3))
     drawn = outlines(dots, pose_of(*pose))
     blobs = blobs_of(struct, pixels_of(struct, drawn["center"]), 0.05)
     blobs["at"] = drawn["center"]
     dots["xyz"][:on_a_line, 1] = dots["xyz"][:on_a_line, 0]
-    arrays = *map(pointer, (dots, blobs, matched(9))), 9, ctypes.byref(struct), pointer(corrected), pointer(found)
+    arrays = *map(pointer, (dots, blobs, matched(9))), 9, ctypes.byref(struct), pointer(corrected), pointer(actual)
     assert library().correct_centers(*arrays) == (0 if on_a_line else 1)
     if on_a_line or not lens:
-        assert_allclose(found, np.zeros((3, 3)) if on_a_line else plane_homography(pose), rtol=1e-4)
+        assert_allclose(actual, np.zeros((3, 3)) if on_a_line else plane_homography(pose), rtol=1e-4)
     assert_allclose(corrected, pixels_of(struct, drawn["center" if on_a_line else "point"]), atol=1e-4)
 
 

@@ -14,9 +14,9 @@ def inks():
     rng, tags = np.random.default_rng(0), []
     while len(tags) < COUNT:
         ink = rng.integers(0, 2, (BITS, BITS))
-        turned = [np.rot90(side, k) for side in (ink, ink[:, ::-1]) for k in range(4)]
-        apart = [np.sum(other != turn) for turn in turned for other in tags]
-        if min([*apart, *(np.sum(ink != turn) for turn in turned[1:])]) >= 3:
+        rotated = [np.rot90(side, k) for side in (ink, ink[:, ::-1]) for k in range(4)]
+        apart = [np.sum(other != rotation) for rotation in rotated for other in tags]
+        if min([*apart, *(np.sum(ink != rotation) for rotation in rotated[1:])]) >= 3:
             tags.append(ink)
     return np.array(tags)
 
@@ -79,7 +79,7 @@ class Place:
         picture["stride"], picture["wide"], picture["inverted"] = image.strides[0], image.itemsize == 2, inverted
         pose["R"], pose["t"], pose["focal"] = self.R.ravel(), self.t + np.append(off, 0) / FOCAL, 1
         corners = np.ascontiguousarray(self.corners)
-        arguments = (pointer(each) for each in (picture, self.camera, pose, corners, family))
+        arguments = (pointer(item) for item in (picture, self.camera, pose, corners, family))
         read = library().read_tag(*arguments, least, pointer(reading))
         assert read == (reading["state"][0] == constants()["TAG_READ"]) == (reading["id"][0] >= 0)
         return reading[0]

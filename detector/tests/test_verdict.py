@@ -32,23 +32,23 @@ NOISE_PX = 0.03
 def judge(dots, blobs, struct, start, errors=None):
     """Return the estimate and its verdict; sides of a rig have the axes that `views.rig` gives them."""
     errors, matches = errors or ErrorsStruct(), matched(len(blobs))
-    kept, found, matches = estimate(dots, blobs, struct, start, errors, matches)
+    kept, actual, matches = estimate(dots, blobs, struct, start, errors, matches)
     assert kept
     plates, verdict = np.zeros(dots["plate"].max() + 1, structures()["Pose"]), np.zeros(1, structures()["Verdict"])
-    turned = [np.roll(np.eye(3), k, axis=0).T for k in range(len(plates))]
-    plates["R"] = np.reshape(turned, (-1, 9))
-    plates["t"] = 0.06 * (len(plates) > 1) * np.array(turned)[:, :, 2]
+    rotated = [np.roll(np.eye(3), k, axis=0).T for k in range(len(plates))]
+    plates["R"] = np.reshape(rotated, (-1, 9))
+    plates["t"] = 0.06 * (len(plates) > 1) * np.array(rotated)[:, :, 2]
     addresses = pointer(dots), pointer(blobs), pointer(matches), ctypes.byref(struct), ctypes.byref(errors)
     count = ctypes.c_int64(len(plates))
-    assert library().judge(*addresses, pointer(plates), count, pointer(found.reshape(1)), pointer(verdict)) == 0
-    return found, verdict[0]
+    assert library().judge(*addresses, pointer(plates), count, pointer(actual.reshape(1)), pointer(verdict)) == 0
+    return actual, verdict[0]
 
 
 def seen(rng, dots, pose, struct, real=None, move=None):
     """Return blobs of printed dots in an image, whose pixels move by `move` of the offset from the center."""
     printed = (dots if real is None else real).copy()
-    own = np.linalg.cholesky(dots["print"] + 1e-30 * np.eye(3)) @ rng.normal(size=(len(dots), 3, 1))
-    printed["place"] += own[:, :, 0]
+    ours = np.linalg.cholesky(dots["print"] + 1e-30 * np.eye(3)) @ rng.normal(size=(len(dots), 3, 1))
+    printed["place"] += ours[:, :, 0]
     pixels = pixels_of(struct, outlines(printed, pose_of(*pose))["center"])
     pixels += move(pixels - CENTER) if move else 0
     return blobs_of(struct, pixels + rng.normal(0, NOISE_PX, pixels.shape), NOISE_PX)
@@ -73,8 +73,8 @@ def test_chi2_is_that_of_the_whole_covariance(rng):
     calibration = factor @ factor.T
     errors = ErrorsStruct(3, *(array.ctypes.data for array in (moved, alone, factor)))
     blobs = seen(rng, dots, pose, struct)
-    found, verdict = judge(dots, blobs, struct, pose_of(*pose), errors)
-    at = found["pose"]["R"], found["pose"]["t"]
+    actual, verdict = judge(dots, blobs, struct, pose_of(*pose), errors)
+    at = actual["pose"]["R"], actual["pose"]["t"]
 
     def image(step=np.zeros, places=0.0, parameters=np.zeros):
         step, parameters = (value(9) if callable(value) else value for value in (step, parameters))
@@ -184,9 +184,9 @@ def test_a_frontal_view_does_not_show_it(rng, kind):
 
 def test_the_misplaced_plate_of_a_rig_is_named(rng):
     dots, pose = rig(rng, 8)
-    real, own = dots.copy(), dots["plate"] == 1
-    middle = dots["place"][own].mean(axis=0)
-    real["place"][own] = (dots["place"][own] - middle) @ turn([0.01, -0.02, 0.03]).T + middle + [0, 1e-3, 0]
+    real, ours = dots.copy(), dots["plate"] == 1
+    middle = dots["place"][ours].mean(axis=0)
+    real["place"][ours] = (dots["place"][ours] - middle) @ turn([0.01, -0.02, 0.03]).T + middle + [0, 1e-3, 0]
     _, verdict = judge(dots, seen(rng, dots, pose, camera(), real), camera(), pose_of(*pose))
     assert not verdict["consistent"]
     assert constants()["MISPLACED"] in likely(verdict)

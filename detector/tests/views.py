@@ -63,11 +63,11 @@ def rig(rng, n, sigma=1e-4):
     """Return dots of three sides of a cube, and a pose that sees them."""
     axes = [np.roll(np.eye(3), k, axis=0).T for k in range(3)]  # columns: x, y and normal of a side
     dots = np.concatenate([plate(rng, n) for _ in axes])
-    for k, turned in enumerate(axes):
-        own = slice(n * k, n * (k + 1))
-        dots["place"][own] = dots["xyz"][own] = dots["xyz"][own] @ turned.T + 0.06 * turned[:, 2]
-        dots["normal"][own], dots["plate"][own] = turned[:, 2], k
-        dots["print"][own] = sigma**2 * turned @ np.diag([1, 1, 0]) @ turned.T
+    for k, rotated in enumerate(axes):
+        ours = slice(n * k, n * (k + 1))
+        dots["place"][ours] = dots["xyz"][ours] = dots["xyz"][ours] @ rotated.T + 0.06 * rotated[:, 2]
+        dots["normal"][ours], dots["plate"][ours] = rotated[:, 2], k
+        dots["print"][ours] = sigma**2 * rotated @ np.diag([1, 1, 0]) @ rotated.T
     toward = np.ones(3) / np.sqrt(3)
     x = np.cross([0, 0, 1.0], toward)
     rotation = np.array([x / np.linalg.norm(x), np.cross(-toward, x / np.linalg.norm(x)), -toward])
@@ -105,23 +105,23 @@ def blobs_of(struct, pixels, sigma):
 
 
 def estimate(dots, blobs, struct, start, errors=None, matches=None):
-    found, matches = np.zeros(1, ESTIMATE), matched(len(blobs)) if matches is None else matches
+    actual, matches = np.zeros(1, ESTIMATE), matched(len(blobs)) if matches is None else matches
     kept = library().estimate_pose(
         *(pointer(array) for array in (dots, blobs, matches)),
         ctypes.c_int64(len(matches)),
         ctypes.byref(struct),
         ctypes.byref(errors or ErrorsStruct()),
         pointer(start),
-        pointer(found),
+        pointer(actual),
     )
-    return kept, found[0], matches
+    return kept, actual[0], matches
 
 
 def common_errors(rng, dots, count=3):
     """Return displacements (n, 3, count) of dots by a scale, and by turns of one plate."""
     moved = np.zeros((len(dots), 3, count))
     moved[:, :, 0] = 2e-3 * dots["place"]
-    own = dots["plate"] == 0
+    ours = dots["plate"] == 0
     for k in range(1, count):
-        moved[own, :, k] = np.cross(rng.normal(0, 3e-3, 3), dots["place"][own] - dots["place"][own].mean(axis=0))
+        moved[ours, :, k] = np.cross(rng.normal(0, 3e-3, 3), dots["place"][ours] - dots["place"][ours].mean(axis=0))
     return moved

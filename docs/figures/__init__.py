@@ -37,8 +37,8 @@ def _file(markup: str, size: tuple[float, float]) -> str:
     The page's light-dark() is older browsers' unknown; as an image, a drawing follows the setting by a media query.
     """
     style, rest = re.match(r'<svg style="([^"]*)"(.*)', markup, re.DOTALL).groups()
-    found = re.findall(r"(--\w+|fill):light-dark\((#\w+),(#\w+)\)", style)
-    light, night = (";".join(f"{name}:{pair[k]}" for name, *pair in found) for k in (0, 1))
+    results = re.findall(r"(--\w+|fill):light-dark\((#\w+),(#\w+)\)", style)
+    light, night = (";".join(f"{name}:{pair[k]}" for name, *pair in results) for k in (0, 1))
     head, body = rest.replace(' role="img" aria-label=""', "", 1).split(">", 1)
     width, height = (72 * side for side in size)
     return (

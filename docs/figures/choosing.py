@@ -43,16 +43,16 @@ class Case(NamedTuple):
 def case(print_mm: float = 0.1, **asked: Any) -> Case:
     """Errors of the design that is asked for."""
     marker = designed(**asked)
-    found = mg.validate(marker, runs=0, views=0, print_sigma=print_mm / 1000)
-    over_all, budget = found.headline["all"], found.results["budget"]["rotation_deg"]
+    validation = mg.validate(marker, runs=0, views=0, print_sigma=print_mm / 1000)
+    over_all, budget = validation.headline["all"], validation.results["budget"]["rotation_deg"]
     return Case(
         over_all["rotation_deg"],
         over_all["translation_mm"],
-        found.headline["rotation_deg"],
+        validation.headline["rotation_deg"],
         budget["image"],
         budget["print"],
-        found.headline["calibration"]["rotation_deg"],
-        found.results["dots"]["least_px"],
+        validation.headline["calibration"]["rotation_deg"],
+        validation.results["dots"]["least_px"],
         1e3 * marker.dot_diameter,
     )
 
@@ -99,10 +99,10 @@ def _thinned(path: re.Match[str]) -> str:
 def _number(save: Save) -> None:
     exact, good, usual = ([case(print_mm, n=n) for n in NUMBERS] for print_mm in (0.0, 0.02, 0.1))
     columns = {
-        "exact print": [each.rotation_deg for each in exact],
-        "print 0.02 mm": [each.rotation_deg for each in good],
-        "print 0.1 mm": [each.rotation_deg for each in usual],
-        "print 0.1 mm, calibration off by 2 px": [each.calibrated_deg for each in usual],
+        "exact print": [item.rotation_deg for item in exact],
+        "print 0.02 mm": [item.rotation_deg for item in good],
+        "print 0.1 mm": [item.rotation_deg for item in usual],
+        "print 0.1 mm, calibration off by 2 px": [item.calibrated_deg for item in usual],
     }
     _table("Number of dots", {"dots": NUMBERS, **columns})
     named = [(name, NUMBERS, values) for name, values in reversed(columns.items())]
@@ -113,9 +113,9 @@ def _room(save: Save) -> None:
     cases = {n: [case(n=n, radius=d / 2000) for d in DIAMETERS_MM] for n in (5, 12)}
     columns: dict[str, Any] = {"marker, mm": DIAMETERS_MM}
     for n, row in cases.items():
-        columns[f"{n} dots of, mm"] = [each.dot_mm for each in row]
-        columns[f"{n} dots: rotation, deg"] = [each.rotation_deg for each in row]
-        columns[f"{n} dots: position, mm"] = [each.translation_mm for each in row]
+        columns[f"{n} dots of, mm"] = [item.dot_mm for item in row]
+        columns[f"{n} dots: rotation, deg"] = [item.rotation_deg for item in row]
+        columns[f"{n} dots: position, mm"] = [item.translation_mm for item in row]
     _table("Room", columns)
     named = [(f"{n} dots", DIAMETERS_MM, columns[f"{n} dots: rotation, deg"]) for n in cases]
     labels = "diameter of the marker, mm", "rotation error, RMS, deg"
@@ -125,11 +125,11 @@ def _room(save: Save) -> None:
 def _dots(save: Save) -> None:
     cases = [case(n=5, dot=d / 1000) for d in DOTS_MM]
     columns = {
-        "image and print, deg": [each.rotation_deg for each in cases],
-        "print alone, deg": [each.print_deg for each in cases],
-        "image alone, deg": [each.image_deg for each in cases],
+        "image and print, deg": [item.rotation_deg for item in cases],
+        "print alone, deg": [item.print_deg for item in cases],
+        "image alone, deg": [item.image_deg for item in cases],
     }
-    _table("Size of dots", {"dot, mm": DOTS_MM, "smallest image, px": [each.least_px for each in cases], **columns})
+    _table("Size of dots", {"dot, mm": DOTS_MM, "smallest image, px": [item.least_px for item in cases], **columns})
     named = [(name.removesuffix(", deg"), DOTS_MM, values) for name, values in columns.items()]
     labels = "diameter of a dot, mm", "rotation error, RMS, deg"
     save("choosing-dots", drawing(lambda ax: lines(ax, named, labels)))
@@ -145,7 +145,7 @@ def _print(save: Save) -> None:
 
 def _relief() -> None:
     cases = [case(0.02, n=6, dot=0.03, relief=h / 1000, objective="rotation") for h in HEIGHTS_MM]
-    over_all, hardest = ([each[k] for each in cases] for k in (0, 2))
+    over_all, hardest = ([item[k] for item in cases] for k in (0, 2))
     _table("Relief", {"relief, mm": HEIGHTS_MM, "rotation, deg": over_all, "hardest case, deg": hardest})
 
 

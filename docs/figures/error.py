@@ -40,14 +40,14 @@ def make(save: Save) -> None:
 def _dots(save: Save) -> None:
     rows, named = [], []
     for blur in BLURS_PX:
-        found = [
+        findings = [
             _validated(poses=f"cone:distance={far},tilt=30,count=40", views=40, print_sigma=0, optics=f"blur_px={blur}")
             for far in FAR_M
         ]
-        pixels = [each.results["dots"]["least_px"] for each in found]
-        bound = [each.views["image_bound_px"] or np.nan for each in found]
-        measured = [each.views["point_px"]["rms"] or np.nan for each in found]
-        rate = [each.views["rate"] for each in found]
+        pixels = [item.results["dots"]["least_px"] for item in findings]
+        bound = [item.views["image_bound_px"] or np.nan for item in findings]
+        measured = [item.views["point_px"]["rms"] or np.nan for item in findings]
+        rate = [item.views["rate"] for item in findings]
         rows += [
             [f"{blur:g}", f"{p:.3g}", f"{100 * r:.0f} %", *(f"{value:.2g}" if r else "-" for value in (b, m))]
             for p, r, b, m in zip(pixels, rate, bound, measured, strict=True)
@@ -64,11 +64,11 @@ def _bias(save: Save) -> None:
     from markergen.maths.conics import outlines
 
     tilts = np.arange(0, 81, 2)
-    turn = np.stack([cv2.Rodrigues(np.array([np.deg2rad(t), 0, 0]))[0] @ np.diag([1.0, -1, -1]) for t in tilts])
+    rotation = np.stack([cv2.Rodrigues(np.array([np.deg2rad(t), 0, 0]))[0] @ np.diag([1.0, -1, -1]) for t in tilts])
     named = []
     ahead = np.tile([0.0, 0, 1], (len(tilts), 1))
     for pixels in DOTS_PX:
-        seen = outlines(np.zeros((1, 3)), np.array([pixels / FOCAL_PX / 2]), turn, ahead)
+        seen = outlines(np.zeros((1, 3)), np.array([pixels / FOCAL_PX / 2]), rotation, ahead)
         off = FOCAL_PX * np.linalg.norm(seen.center - seen.point, axis=-1)[:, 0]
         named.append((f"dot of {pixels} px", tilts, off))
     at = [int(np.flatnonzero(tilts == t)[0]) for t in (20, 40, 60, 70)]
@@ -82,7 +82,7 @@ def _bias(save: Save) -> None:
 
 
 def _tilt(save: Save) -> None:
-    found = {
+    results = {
         (far, tilt): _validated(poses=f"cone:distance={far},tilt={tilt},count=24").headline["all"]
         for far in NEAR_M
         for tilt in TILTS_DEG
@@ -93,14 +93,14 @@ def _tilt(save: Save) -> None:
         [
             [
                 str(tilt),
-                *(f"{found[far, tilt]['rotation_deg']:.2g}" for far in NEAR_M),
-                f"{found[2, tilt]['first_order_deg']:.2g}",
-                f"{100 * found[2, tilt]['flip_rate']:.1f} %",
+                *(f"{results[far, tilt]['rotation_deg']:.2g}" for far in NEAR_M),
+                f"{results[2, tilt]['first_order_deg']:.2g}",
+                f"{100 * results[2, tilt]['flip_rate']:.1f} %",
             ]
             for tilt in TILTS_DEG
         ],
     )
-    named = [(f"{far:g} m", TILTS_DEG, [found[far, tilt]["rotation_deg"] for tilt in TILTS_DEG]) for far in NEAR_M]
+    named = [(f"{far:g} m", TILTS_DEG, [results[far, tilt]["rotation_deg"] for tilt in TILTS_DEG]) for far in NEAR_M]
     save("error-tilt", drawing(lambda ax: lines(ax, named, ("tilt, deg", "rotation error, RMS, deg"), log="y")))
 
 
@@ -112,7 +112,7 @@ def _distance(save: Save) -> None:
         for far in FAR_M
     ]
     names = {"all": "total", "calibration off by 2 px": "camera", "print 0.1 mm": "print", "image": "image"}
-    columns = {name: [each[key] for each in parts] for name, key in names.items()}
+    columns = {name: [part[key] for part in parts] for name, key in names.items()}
     table(
         "Distance",
         ["distance, m", *(f"{name}, deg" for name in reversed(columns))],

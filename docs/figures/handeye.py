@@ -60,8 +60,8 @@ def _scene(
 
 
 def _axes(ax: "Axes", place: np.ndarray, angle_deg: float) -> None:
-    for turn, style in ((0.0, "-"), (90.0, "-")):
-        along = np.deg2rad(angle_deg - 90 + turn)
+    for rotation, style in ((0.0, "-"), (90.0, "-")):
+        along = np.deg2rad(angle_deg - 90 + rotation)
         end = place + LENGTH * np.array([np.cos(along), np.sin(along)])
         ax.annotate("", end, place, arrowprops={"arrowstyle": "->", "color": INK, "linestyle": style, "linewidth": 1.2})
     ax.plot(*place, marker="o", color=INK, markersize=3, zorder=4)

@@ -29,20 +29,20 @@ def make(save: Save) -> None:
 
 
 def _condition(save: Save) -> None:
-    rows, shown = [], []
+    rows, printed = [], []
     for n in (4, 5, 8):
         design = mg.design(n=n)
         region = _region(design)
-        found = criteria(region.sample(RANDOM, n, np.random.default_rng(0)), design.setting)
+        results = criteria(region.sample(RANDOM, n, np.random.default_rng(0)), design.setting)
         best = criteria(design.marker.xyz[None, :, :2], design.setting)[0]
-        c, rotation = (np.array([each[key] for each in found]) for key in ("condition", "rotation_deg"))
+        c, rotation = (np.array([item[key] for item in results]) for key in ("condition", "rotation_deg"))
         rank = spearmanr(c, rotation).statistic
         values = f"{best['condition']:.3g}", f"{best['rotation_deg']:.3g}", f"{np.median(c):.3g}"
         rows.append([str(n), *values, f"{np.median(rotation):.3g}", f"{rank:.2f}"])
-        shown.append((n, c, rotation, best))
+        printed.append((n, c, rotation, best))
 
     def draw(ax: "Axes") -> None:
-        n, c, rotation, best = shown[1]
+        n, c, rotation, best = printed[1]
         ax.scatter(c, rotation, s=9, color=SERIES[0]["color"], label=f"{RANDOM} random layouts of {n} dots")
         ax.scatter(
             best["condition"], best["rotation_deg"], s=60, marker="*", color=SERIES[1]["color"], label="designed"

@@ -18,8 +18,8 @@ def quick():
 def proved(pentagon, quick):
     """A validation with trials and views, and the progress that was told."""
     calls = []
-    found = validate(pentagon, **quick, progress=lambda *call: calls.append(call))
-    return SimpleNamespace(found=found, calls=calls)
+    validation = validate(pentagon, **quick, progress=lambda *call: calls.append(call))
+    return SimpleNamespace(found=validation, calls=calls)
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def test_markers_paths_dictionaries_and_texts(found, pentagon, tmp_path):
     with path.open() as file:
         again = compare(path, json.loads(path.read_text()), file, "square", **FEW)
     assert list(again.contestants) == [str(path), "marker 1", "marker 2", "square"]
-    errors = [each["rotation_deg"] for each in again.contestants.values()]
+    errors = [contestant["rotation_deg"] for contestant in again.contestants.values()]
     assert errors[0] == errors[1] == errors[2] == found.contestants["marker"]["rotation_deg"]
     assert errors[3] == found.contestants["square"]["rotation_deg"]
 
@@ -61,7 +61,7 @@ def test_files_and_their_bytes(found, pentagon, tmp_path):
         pentagon, "square", **FEW, save=[tmp_path / name for name in names[:2]],
         json=tmp_path / "plain", plot=str(tmp_path / "c.png"),
     )  # fmt: skip
-    assert [each.path.name for each in again.written] == ["c.json", "c.svg", "plain", "c.png"]
+    assert [item.path.name for item in again.written] == ["c.json", "c.svg", "plain", "c.png"]
     (tmp_path / "later").mkdir()
     found.save(*(tmp_path / "later" / name for name in names))
     for name in names:
@@ -70,7 +70,7 @@ def test_files_and_their_bytes(found, pentagon, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "said"),
+    ("arguments", "options", "message"),
     [
         ([], {}, "none"),
         ([3], {}, "a marker, a path, or a text"),
@@ -84,11 +84,11 @@ def test_files_and_their_bytes(found, pentagon, tmp_path):
         ([...], {"save": "c.pdf"}, ".json, .svg, .png"),
     ],
 )
-def test_bad_input_is_our_own_error_in_one_line(arguments, options, said, pentagon, tmp_path, monkeypatch):
+def test_bad_input_is_our_own_error_in_one_line(arguments, options, message, pentagon, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as caught:
-        compare(*(pentagon if each is ... else each for each in arguments), **{**FEW, **options})
-    assert said in str(caught.value)
+        compare(*(pentagon if argument is ... else argument for argument in arguments), **{**FEW, **options})
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
@@ -114,13 +114,13 @@ def test_printed_it_is_what_the_command_prints(pentagon, tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     # Processor time differs from run to run.
     monkeypatch.setattr(series.time, "process_time", lambda: 0.0)
-    found = compare(pentagon, "square", **FEW)
+    comparison = compare(pentagon, "square", **FEW)
     Path("marker").write_bytes(to_json(pentagon))
     arguments = ["compare", "marker", "square", "--views", "2", "--poses", FEW["poses"], "--workers", "1"]
     assert main(arguments) == 0
-    assert capsys.readouterr().out == str(found) + "\n"
-    assert len(repr(found)) < 2000
-    assert "2 views; marker 0.0" in repr(found)
+    assert capsys.readouterr().out == str(comparison) + "\n"
+    assert len(repr(comparison)) < 2000
+    assert "2 views; marker 0.0" in repr(comparison)
 
 
 def test_html_is_escaped_and_text_as_it_is(found, hostile):

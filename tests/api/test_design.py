@@ -42,8 +42,8 @@ def test_it_is_what_the_command_designs(tmp_path, monkeypatch, capsys):
     for folder in ("lib", "cli"):
         Path(folder).mkdir()
     made = design(**QUICK, output="lib/marker.pdf", paper="A3", seed=1)
-    words = [f"--{name}={value}" for name, value in QUICK.items()]
-    assert main(["design", *words, "--seed", "1", "--paper", "A3", "-o", "cli/marker.pdf", "--details"]) == 0
+    phrase = [f"--{name}={value}" for name, value in QUICK.items()]
+    assert main(["design", *phrase, "--seed", "1", "--paper", "A3", "-o", "cli/marker.pdf", "--details"]) == 0
     assert Path("lib/marker.json").read_bytes() == Path("cli/marker.json").read_bytes()
     assert Path("lib/marker.pdf").read_bytes() == Path("cli/marker.pdf").read_bytes()
     printed = capsys.readouterr().out
@@ -119,13 +119,13 @@ def test_results_are_short_and_shown(quick):
 
 def test_a_family_and_a_trace_are_written_together(tmp_path):
     outputs, trace = [tmp_path / "m.svg", tmp_path / "m.csv"], tmp_path / "t.csv"
-    found = design(**QUICK, tag="aruco:DICT_4X4_50", ids="3,5", output=outputs, trace=trace, paper="A1")
-    assert [marker.tag.id for marker in found.markers] == [3, 5]
+    actual = design(**QUICK, tag="aruco:DICT_4X4_50", ids="3,5", output=outputs, trace=trace, paper="A1")
+    assert [marker.tag.id for marker in actual.markers] == [3, 5]
     names = ["m.svg", "m-3.csv", "m-3.json", "m-5.csv", "m-5.json", "t.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
-    assert sorted(file.path.name for file in found.written) == sorted(names)
-    assert read_marker(tmp_path / "m-5.json") == found.markers[1]
-    assert trace.read_text().count("\n") == len(found.trace) + 1
+    assert sorted(file.path.name for file in actual.written) == sorted(names)
+    assert read_marker(tmp_path / "m-5.json") == actual.markers[1]
+    assert trace.read_text().count("\n") == len(actual.trace) + 1
 
 
 def test_a_paper_without_a_room_is_the_room():
@@ -150,7 +150,7 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "phrase"),
     [
         ({"rdius": 5}, "rdius=5 (no such option: did you mean 'radius'?)"),
         ({"n": "five", "radius": [1]}, "n='five' (a whole number, or 'auto'), radius=[1] (a length"),
@@ -173,11 +173,11 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"progress": "yes"}, "a function for progress, found 'yes'"),
     ],
 )
-def test_bad_wishes(options, words, tmp_path, monkeypatch):
+def test_bad_wishes(options, phrase, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as caught:
         design(**options)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
@@ -221,18 +221,18 @@ def test_a_drawing_that_a_shipped_templates_is_not_written_over(line, low, tmp_p
 def test_nothing_is_printed_and_the_log_is_silent_until_asked(capsys, caplog):
     stages = []
     with caplog.at_level(logging.INFO, logger="markergen"):
-        found = design(**{**QUICK, "dot": "1mm"}, progress=lambda stage, done, total: stages.append(stage))
+        actual = design(**{**QUICK, "dot": "1mm"}, progress=lambda stage, done, total: stages.append(stage))
     assert capsys.readouterr() == ("", "")
     assert stages
-    assert found.warnings
-    assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == list(found.warnings)
+    assert actual.warnings
+    assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == list(actual.warnings)
 
 
 def test_inverted_colors_make_light_dots_that_every_sheet_keeps_and_solids_refuse(tmp_path, caplog):
-    found = design(**QUICK, colors="inverted", output=[tmp_path / "m.svg", tmp_path / "m.json", tmp_path / "m.csv"])
-    assert found.marker.light
-    assert Marker.load(tmp_path / "m.json") == found.marker
-    assert not any("light" in each for each in found.warnings)
+    actual = design(**QUICK, colors="inverted", output=[tmp_path / "m.svg", tmp_path / "m.json", tmp_path / "m.csv"])
+    assert actual.marker.light
+    assert Marker.load(tmp_path / "m.json") == actual.marker
+    assert not any("light" in warning for warning in actual.warnings)
     caplog.clear()
     export(tmp_path / "m.json", tmp_path / "again.svg")
     assert (tmp_path / "again.svg").read_bytes() == (tmp_path / "m.svg").read_bytes()
@@ -245,10 +245,10 @@ def test_inverted_colors_make_light_dots_that_every_sheet_keeps_and_solids_refus
 
 
 def test_help_shows_every_keyword():
-    shown = inspect.signature(design).parameters
-    assert shown["n"].default == 5
-    assert shown["corner_radius"].default == "0mm"
-    assert shown["progress"].kind is inspect.Parameter.KEYWORD_ONLY
+    printed = inspect.signature(design).parameters
+    assert printed["n"].default == 5
+    assert printed["corner_radius"].default == "0mm"
+    assert printed["progress"].kind is inspect.Parameter.KEYWORD_ONLY
 
 
 def test_another_marker_is_not_replaced_silently(tmp_path):

@@ -35,8 +35,8 @@ def test_a_marker_saves_itself(pentagon, tmp_path):
 
 def test_what_disturbs_detection_is_told_once(pentagon, tmp_path, caplog):
     export(pentagon, tmp_path / "m.svg", tmp_path / "m.pdf", tmp_path / "m.dxf", mount=["M4:0mm,100mm"])
-    [told] = [record.message for record in caplog.records]
-    assert told.startswith(sentence("holes near dots") + ": the hole M4")
+    [output] = [record.message for record in caplog.records]
+    assert output.startswith(sentence("holes near dots") + ": the hole M4")
     caplog.clear()
     export(pentagon, tmp_path / "m.svg", colors="inverted", mount=["M4:0mm,0mm"])
     assert [record.message.partition(":")[0] for record in caplog.records] == [
@@ -51,7 +51,7 @@ def test_what_disturbs_detection_is_told_once(pentagon, tmp_path, caplog):
 def test_several_markers_share_sheets(pentagon, tmp_path):
     export([pentagon, to_json_dict(pentagon)], tmp_path / "both.pdf", paper="A0")
     assert (tmp_path / "both.pdf").read_bytes().startswith(b"%PDF")
-    export((each for each in (pentagon, io.BytesIO(to_json(pentagon)))), tmp_path / "again.pdf", paper="A0")
+    export((item for item in (pentagon, io.BytesIO(to_json(pentagon)))), tmp_path / "again.pdf", paper="A0")
     assert (tmp_path / "again.pdf").read_bytes() == (tmp_path / "both.pdf").read_bytes()
 
 
@@ -71,7 +71,7 @@ def test_choices_of_a_process(pentagon, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("paths", "options", "words"),
+    ("paths", "options", "phrase"),
     [
         ((), {}, "a path to write to, found none"),
         ((3,), {}, "a path, found 3"),
@@ -86,11 +86,11 @@ def test_choices_of_a_process(pentagon, tmp_path, monkeypatch):
         (("m.json",), {"boundary_unit": "mm"}, "a drawing for --boundary-unit"),
     ],
 )
-def test_bad_wishes(pentagon, paths, options, words, tmp_path, monkeypatch):
+def test_bad_wishes(pentagon, paths, options, phrase, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as caught:
         export(pentagon, *paths, **options)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 

@@ -24,7 +24,7 @@ RIG = mg.Rig((mg.Plate("front", MARKER, np.eye(3), (0, 0, 0.1)), mg.Plate("side"
 def test_plate_options_are_for_every_marker(tmp_path):
     [written] = mg.export(RIG, tmp_path / "rig.json", thickness="5mm")
     markers = mg.Rig.load(written.path).markers
-    assert [each.marker.substrate.thickness for each in markers] == [0.005, 0.005]
+    assert [marker.marker.substrate.thickness for marker in markers] == [0.005, 0.005]
 
 
 def test_the_command_takes_a_rig(tmp_path, capsys):
@@ -33,9 +33,9 @@ def test_the_command_takes_a_rig(tmp_path, capsys):
     assert (tmp_path / "again.json").read_bytes() == rig_to_json(RIG)
     for wrong in ("x.csv", "x"):
         assert main(["export", str(tmp_path / "rig.json"), "-o", str(tmp_path / wrong)]) == 2
-        said = capsys.readouterr().err
-        assert sentence("no rig suffix") in said
-        assert ".json" in said
+        message = capsys.readouterr().err
+        assert sentence("no rig suffix") in message
+        assert ".json" in message
 
 
 def test_a_rig_is_exported_by_itself(tmp_path):

@@ -98,8 +98,8 @@ def test_three_photographs_show_no_size_and_leave_none_over():
 
 
 def test_the_command_writes_results_and_plot(here, capfd):
-    words = ["handeye", "marker.json", "photos", "--robot", "hand.csv", "--camera", "camera.yaml", *WORDS]
-    assert main([*words, "-o", "result.json", "-o", "plot.svg"]) == 0
+    arguments = ["handeye", "marker.json", "photos", "--robot", "hand.csv", "--camera", "camera.yaml", *WORDS]
+    assert main([*arguments, "-o", "result.json", "-o", "plot.svg"]) == 0
     text, _ = capfd.readouterr()
     assert "T_flange_camera" in text
     assert "T_base_marker" in text
@@ -108,7 +108,7 @@ def test_the_command_writes_results_and_plot(here, capfd):
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
+    ("phrase", "named"),
     [
         (["--robot", "hand.csv"], "--robot-frame"),
         (["--robot", "few.csv", *WORDS], "three|3"),
@@ -118,13 +118,13 @@ def test_the_command_writes_results_and_plot(here, capfd):
         (["--robot", "hand.csv", "--mounting", "both", *WORDS], "eye-to-hand"),
     ],
 )
-def test_refusals_are_one_line_and_nothing_is_written(words, named, here, capfd):
+def test_refusals_are_one_line_and_nothing_is_written(phrase, named, here, capfd):
     lines = (here / "hand.csv").read_text().splitlines()
     (here / "few.csv").write_text("\n".join(lines[:3]))
     rows = [line.partition(",")[2] for line in lines[1:]]
     rows[2], rows[4] = rows[4], rows[2]
     (here / "exchanged.csv").write_text("\n".join([lines[0], *(f"{k},{row}" for k, row in enumerate(rows))]))
-    command = ["handeye", "marker.json", "photos", "--camera", "camera.yaml", "-o", "not.json", *words]
+    command = ["handeye", "marker.json", "photos", "--camera", "camera.yaml", "-o", "not.json", *phrase]
     assert main(command) == 2
     output, complaint = capfd.readouterr()
     assert output == ""
@@ -148,8 +148,8 @@ def test_directions_are_open_where_their_sigma_is_large_and_a_zero_has_no_sign()
     assert not result.open
     covariance[9:12, 9:12] += 0.3**2 * np.outer([0, 0.6, -0.8], [0, 0.6, -0.8])
     covariance[0, 0] = np.deg2rad(5) ** 2
-    turned, moved = result.open
-    assert ("marker" in turned, "(1.00 0.00 0.00)" in turned, "5 deg" in turned) == (True, True, True)
+    rotated, moved = result.open
+    assert ("marker" in rotated, "(1.00 0.00 0.00)" in rotated, "5 deg" in rotated) == (True, True, True)
     assert ("camera" in moved, "(0.00 -0.60 0.80)" in moved, "300 mm" in moved) == (True, True, True)
     beside = HandEye(replace(result.fit, robot=replace(robot, on_hand=False)), (), (), {})
     assert "marker" in beside.open[1]

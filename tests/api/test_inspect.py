@@ -131,7 +131,7 @@ def test_poses_are_converted_between_all_formats(tmp_path, poses_file, name):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         (lambda q, t: (q, t), ""),
         (lambda q, t: (np.roll(q, 1, axis=1), t), "had the quaternion's w first"),
@@ -140,13 +140,13 @@ def test_poses_are_converted_between_all_formats(tmp_path, poses_file, name):
         (lambda q, t: (q, -t), "look at the marker's front"),
     ],
 )
-def test_poses_that_do_not_look_at_the_marker(tmp_path, change, words):
+def test_poses_that_do_not_look_at_the_marker(tmp_path, change, phrase):
     q, t = change(Rotation.from_matrix(R).as_quat(), T)
     path = tmp_path / "poses.csv"
     rows = np.column_stack([t, q])
     path.write_text("tx,ty,tz,qx,qy,qz,qw\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist()))
     remarks = " ".join(mg.inspect(path).remarks)
-    assert (words in remarks) if words else not remarks
+    assert (phrase in remarks) if phrase else not remarks
 
 
 def test_an_outline_as_other_programs_read_it(tmp_path):

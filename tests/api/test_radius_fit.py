@@ -64,19 +64,19 @@ def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limit
         return SimpleNamespace(marker=marker, spec=spec)
 
     assert radius_limits(make, sheet) == limits
-    found = largest_that_fits(make, limits, sheet, find)
-    radius = round(1e3 * found.spec.boundary.radius)
-    assert found.marker is tried[radius]
-    assert len(pages_for([found.marker], sheet)) == 1
+    result = largest_that_fits(make, limits, sheet, find)
+    radius = round(1e3 * result.spec.boundary.radius)
+    assert result.marker is tried[radius]
+    assert len(pages_for([result.marker], sheet)) == 1
     assert not fits(make_ngon(5, (radius + 1) / 1e3, dot), sheet)
 
 
 def test_the_best_number_of_dots_is_that_of_the_largest_disk():
     quick = {"n": "auto", "restarts": 1, "poses": "cone:count=8", "dot": "20mm"}
-    found = design(**quick, radius="fit", paper="A5")
-    radius = found.marker.boundary.radius
-    assert found.marker == design(**quick, radius=radius).marker
-    assert fits(found.marker, SheetOptions("A5"))
+    actual = design(**quick, radius="fit", paper="A5")
+    radius = actual.marker.boundary.radius
+    assert actual.marker == design(**quick, radius=radius).marker
+    assert fits(actual.marker, SheetOptions("A5"))
 
 
 def test_it_is_tried_from_the_top(make_ngon):
@@ -128,10 +128,10 @@ def test_the_page_in_the_printer_is_the_room(tmp_path, monkeypatch, locale, pape
     monkeypatch.setenv("LC_ALL", locale)
     arguments = ["design", "--n=4", "--dot=20mm", "--restarts=1", "--poses=cone:count=8", "--quiet"]
     assert main([*arguments, "-o", "page.pdf"]) == 0
-    found = Marker.load("page.json")
+    loaded = Marker.load("page.json")
     options = SheetOptions(paper)
-    assert fits(found, options)
-    width, height = np.ptp(found.boundary.outlines()[0], axis=0)
+    assert fits(loaded, options)
+    width, height = np.ptp(loaded.boundary.outlines()[0], axis=0)
     page = find_paper(paper)
     assert 1e3 * width > page.width - 36
     assert 1e3 * height > page.height - 92

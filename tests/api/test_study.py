@@ -16,33 +16,33 @@ SWEEP = {
 @pytest.mark.long
 def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
     seen = []
-    found = study(SWEEP, tmp_path / "s", workers=1, runs=2, progress=lambda *told: seen.append(told[:2]))
+    results = study(SWEEP, tmp_path / "s", workers=1, runs=2, progress=lambda *output: seen.append(output[:2]))
     assert seen[-1] == (4, 4)
-    assert {path.name for path in found} >= {"table.csv", "index.html"}
-    assert all(path.is_file() for path in found)
-    assert str(found).splitlines()[0].startswith("wrote ")
-    assert len(repr(found)) < 300
-    frame = found.to_frame()
+    assert {path.name for path in results} >= {"table.csv", "index.html"}
+    assert all(path.is_file() for path in results)
+    assert str(results).splitlines()[0].startswith("wrote ")
+    assert len(repr(results)) < 300
+    frame = results.to_frame()
     row = frame[(frame.polar_angle_deg == "all") & (frame.n == 5)].iloc[0]
     assert row.estimator == "ippe"
     assert row.rotation_bound_deg > 0
     with pytest.raises(InputError, match="known: table"):
-        found.to_frame("tables")
+        results.to_frame("tables")
     again = study(SWEEP, str(tmp_path / "s"), workers=1, runs=2, resume=True)
-    assert [path.name for path in again] == [path.name for path in found]
+    assert [path.name for path in again] == [path.name for path in results]
 
 
 def test_the_log_tells_of_begin_and_end(tmp_path, caplog, capsys):
     with caplog.at_level("INFO", "markergen"):
         study(SWEEP | {"grid": {"n": [4], "layout": ["ngon"]}}, tmp_path / "s", workers=1, runs=0)
-    said = [record.getMessage() for record in caplog.records if record.name == "markergen.api.study"]
-    assert said[0] == f"studying, in {tmp_path / 's'}"
-    assert said[-1].startswith("studied: ")
+    message = [record.getMessage() for record in caplog.records if record.name == "markergen.api.study"]
+    assert message[0] == f"studying, in {tmp_path / 's'}"
+    assert message[-1].startswith("studied: ")
     assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
-    ("what", "options", "words"),
+    ("what", "options", "phrase"),
     [
         (3, {}, "a path, found 3"),
         ("none-such", {}, "known: paper, layouts"),
@@ -54,7 +54,7 @@ def test_the_log_tells_of_begin_and_end(tmp_path, caplog, capsys):
         ({"grid": {"m": [1]}}, {}, "grid.m"),
     ],
 )
-def test_bad_wishes(what, options, words, tmp_path):
+def test_bad_wishes(what, options, phrase, tmp_path):
     with pytest.raises(InputError) as caught:
         study(what, tmp_path / "s", **options)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)

@@ -27,7 +27,7 @@ def test_it_is_designed_found_and_exported(name, tmp_path):
     made = designed(name)
     # What a template warns of, its user would have to mend.
     accepted = ("weak for", "pixel", "print error") if name in ("robot-flange", "drone-pad") else ()
-    assert not [each for each in made.warnings if not any(words in each for words in accepted)]
+    assert not [warning for warning in made.warnings if not any(phrase in warning for phrase in accepted)]
     target = made.rig if FOUND[name].command == "rig" else made.marker
     views = 3 if name == QUICK else 40
     seen = mg.validate(target, views=views, runs=1).results["views"]
@@ -55,11 +55,11 @@ def test_one_page_shows_them_all():
 
 def test_they_are_listed_with_sizes_for_people_and_programs(capsys):
     assert main(["templates", "--json", "-"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [each["name"] for each in told] == list(shipped_templates())
-    disk = next(each for each in told if each["name"] == "paper-disk")
+    output = json.loads(capsys.readouterr().out)
+    assert [item["name"] for item in output] == list(shipped_templates())
+    disk = next(item for item in output if item["name"] == "paper-disk")
     assert (disk["size"], disk["dots"], disk["camera"], disk["distances"]) == ([0.3, 0.3], 5, [640, 480], [0.6, 1.5])
-    cube = next(each for each in told if each["name"] == "cube")
+    cube = next(item for item in output if item["name"] == "cube")
     assert (cube["command"], cube["size"], cube["dots"]) == ("rig", [0.08, 0.08, 0.08], 30)
 
 
@@ -78,11 +78,11 @@ def test_what_is_given_replaces_what_the_template_says(tmp_path):
         'poses = "cone:distance=0.3..0.8m,tilt=0..60,count=30"\n'
     )
     made = mg.rig(template=str(tmp_path / "two.toml"), n=4)
-    assert [len(each.marker) for each in made.rig.markers] == [4, 4]
+    assert [len(marker.marker) for marker in made.rig.markers] == [4, 4]
 
 
 @pytest.mark.parametrize(
-    ("make", "text", "options", "words"),
+    ("make", "text", "options", "phrase"),
     [
         (mg.design, 'radius = "abc"', {}, ["a valid spec in my.toml", "radius='abc'", "correct these places"]),
         (mg.design, 'paper = "A9"', {}, ["a known paper size in my.toml,"]),
@@ -92,12 +92,12 @@ def test_what_is_given_replaces_what_the_template_says(tmp_path):
         (mg.rig, 'shape = "cube"\ntag = "x"', {"output": "rig.json"}, ["DICT_4X4_50 in my.toml, "]),
     ],
 )
-def test_an_error_in_a_template_names_its_file(make, text, options, words, tmp_path, monkeypatch):
+def test_an_error_in_a_template_names_its_file(make, text, options, phrase, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(text)
     with pytest.raises(mg.InputError) as refused:
         make(template="my.toml", **options)
-    assert all(word in str(refused.value) for word in words)
+    assert all(word in str(refused.value) for word in phrase)
 
 
 def test_the_print_is_that_of_the_design():

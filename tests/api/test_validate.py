@@ -32,19 +32,19 @@ def bounds(pentagon):
 
 
 def test_the_results_are_those_of_the_json(proved, pentagon):
-    found = proved.found
-    assert json.loads(found.to_json()) == dict(found.results)
-    assert found.marker is pentagon
-    assert found.setting.camera == PAPER_CAMERA
-    assert len(found.setting.poses) == found.results["poses"]["count"] == 20
-    assert found.bound["rotation_deg"] == found.results["bound"]["rotation_deg"] > 0
-    assert found.estimators["lm"]["rotation_deg"]["count"] == 400
-    assert found.views["count"] == 4
-    assert found.nees["count"] > 0
-    assert found.budget["rotation_deg"]["total"] >= found.budget["rotation_deg"]["print"]
+    result = proved.found
+    assert json.loads(result.to_json()) == dict(result.results)
+    assert result.marker is pentagon
+    assert result.setting.camera == PAPER_CAMERA
+    assert len(result.setting.poses) == result.results["poses"]["count"] == 20
+    assert result.bound["rotation_deg"] == result.results["bound"]["rotation_deg"] > 0
+    assert result.estimators["lm"]["rotation_deg"]["count"] == 400
+    assert result.views["count"] == 4
+    assert result.nees["count"] > 0
+    assert result.budget["rotation_deg"]["total"] >= result.budget["rotation_deg"]["print"]
     assert {stage for stage, _, _ in proved.calls} == {"trials", "views"}
     with pytest.raises(TypeError):
-        found.results["runs"] = 3
+        result.results["runs"] = 3
 
 
 def test_without_trials_and_views_there_are_bounds(bounds):
@@ -75,18 +75,18 @@ def test_markers_cameras_and_poses_in_every_form(bounds, pentagon, tmp_path):
 def test_poses_of_a_file(pentagon, tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text("tx,ty,tz,qx,qy,qz,qw\n0,0,1,1,0,0,0\n0,0,2,1,0,0,0\n")
-    found = [validate(pentagon, **{**FAST, "poses": poses}) for poses in (path, str(path))]
-    assert [each.results["poses"]["count"] for each in found] == [2, 2]
+    results = [validate(pentagon, **{**FAST, "poses": poses}) for poses in (path, str(path))]
+    assert [item.results["poses"]["count"] for item in results] == [2, 2]
 
 
 def test_numbers_of_numpy_and_lengths_are_read(pentagon, bounds):
-    found = validate(pentagon, **{**FAST, "runs": np.int64(0)}, print_sigma="0.2mm", noise=np.float32(0.4))
-    assert found.budget["print_sigma_mm"] == pytest.approx(0.2)
-    assert found.bound["rotation_deg"] == pytest.approx(2 * bounds.bound["rotation_deg"])
+    validation = validate(pentagon, **{**FAST, "runs": np.int64(0)}, print_sigma="0.2mm", noise=np.float32(0.4))
+    assert validation.budget["print_sigma_mm"] == pytest.approx(0.2)
+    assert validation.bound["rotation_deg"] == pytest.approx(2 * bounds.bound["rotation_deg"])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "said"),
+    ("arguments", "options", "message"),
     [
         ((3,), {}, "dict of marker.json, found int 3"),
         ((None,), {}, "dict of marker.json"),
@@ -113,24 +113,24 @@ def test_numbers_of_numpy_and_lengths_are_read(pentagon, bounds):
         ((...,), {"camera_covariance": "none.txt"}, "none.txt"),
     ],
 )
-def test_bad_input_is_our_own_error_in_one_line(arguments, options, said, pentagon, tmp_path, monkeypatch):
+def test_bad_input_is_our_own_error_in_one_line(arguments, options, message, pentagon, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    given = [pentagon if each is ... else each for each in arguments]
+    stated = [pentagon if argument is ... else argument for argument in arguments]
     with pytest.raises(InputError) as caught:
-        validate(*given, **{**FAST, **options})
-    assert said in str(caught.value)
+        validate(*stated, **{**FAST, **options})
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_covariance_in_the_file_of_the_camera_is_counted(pentagon, tmp_path):
-    path, given = tmp_path / "camera.toml", tmp_path / "sigmas.txt"
+    path, stated = tmp_path / "camera.toml", tmp_path / "sigmas.txt"
     PAPER_CAMERA.save(path, [2, 2, 1.5, 1.5])
-    given.write_text("2 2 1.5 1.5")
+    stated.write_text("2 2 1.5 1.5")
     few = FAST | {"poses": "cone:count=4"}
-    found = validate(pentagon, path, **few).results["budget"]
-    assert found == validate(pentagon, PAPER_CAMERA, camera_covariance=given, **few).results["budget"]
-    assert found["rotation_deg"]["camera"] > 0
+    results = validate(pentagon, path, **few).results["budget"]
+    assert results == validate(pentagon, PAPER_CAMERA, camera_covariance=stated, **few).results["budget"]
+    assert results["rotation_deg"]["camera"] > 0
     assert validate(pentagon, path, camera_covariance="none", **few).results["budget"]["camera_exact"]
 
 
@@ -158,15 +158,15 @@ def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monk
 
 
 def test_files_by_suffix_and_by_name(proved, pentagon, quick, undrawn, tmp_path):
-    found = validate(
+    validation = validate(
         pentagon, **quick, save=[tmp_path / name for name in FILES],
         json=str(tmp_path / "plain"), pictures=tmp_path / "views",
     )  # fmt: skip
-    assert {each.path.name for each in found.written} == {*FILES, "plain"} | {
+    assert {item.path.name for item in validation.written} == {*FILES, "plain"} | {
         path.name for path in (tmp_path / "views").iterdir()
     }
     assert len(list((tmp_path / "views").iterdir())) == 4
-    assert (tmp_path / "r.json").read_bytes() == (tmp_path / "plain").read_bytes() == found.to_json()
+    assert (tmp_path / "r.json").read_bytes() == (tmp_path / "plain").read_bytes() == validation.to_json()
     assert (tmp_path / "r.html").read_bytes().startswith(b"<!DOCTYPE html>")
     assert b"<svg" in (tmp_path / "r.svg").read_bytes()
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
@@ -194,26 +194,26 @@ def test_pictures_of_an_earlier_run_go_and_other_files_stay(proved, tmp_path):
         (tmp_path / name).write_bytes(b"before")
     written = proved.found.save_pictures(str(tmp_path))
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {each.path.name for each in written} | {"mine.png"}
+    assert names == {item.path.name for item in written} | {"mine.png"}
 
 
 def test_printed_it_is_what_the_command_prints(proved, bounds):
-    said = str(proved.found)
-    for words in (
+    message = str(proved.found)
+    for phrase in (
         "Rotation error RE, deg",
         "Error budget",
         "Synthetic views",
         "4 of 4 rendered views detected",
         "bound (CRLB)",
     ):
-        assert words in said
-    tables = [line for line in said.splitlines() if "─" in line]
+        assert phrase in message
+    tables = [line for line in message.splitlines() if "─" in line]
     assert len(tables) >= 6
     assert max(map(len, tables)) <= 100
     assert "Rotation error RE" not in str(bounds)
-    for each in (proved.found, bounds):
-        assert len(repr(each)) < 2000
-        assert "\n" not in repr(each)
+    for item in (proved.found, bounds):
+        assert len(repr(item)) < 2000
+        assert "\n" not in repr(item)
     assert "20 poses x 20 runs, 4 of 4 views" in repr(proved.found)
 
 
@@ -222,10 +222,10 @@ def test_the_command_prints_it(proved, pentagon, tmp_path, monkeypatch, capsys):
 
     monkeypatch.chdir(tmp_path)
     Path("m.json").write_bytes(to_json(pentagon))
-    words = ["validate", "m.json", "--poses", "cone:count=20", "--runs", "20", "--views", "4", "--workers", "1"]
-    assert main([*words, "--details"]) == 0
+    arguments = ["validate", "m.json", "--poses", "cone:count=20", "--runs", "20", "--views", "4", "--workers", "1"]
+    assert main([*arguments, "--details"]) == 0
     assert capsys.readouterr().out == str(proved.found) + "\n"
-    assert main(words) == 0
+    assert main(arguments) == 0
     brief = capsys.readouterr().out.splitlines()
     assert len(brief) <= 8
     assert brief[0] == proved.found.brief()[0]
@@ -241,9 +241,9 @@ def test_html_shows_tables_and_escapes_what_comes_from_files(proved, pentagon):
 
 
 def test_checks(proved):
-    passed, said = proved.found.check("estimators.lm.rotation_deg.rms > 100")
+    passed, message = proved.found.check("estimators.lm.rotation_deg.rms > 100")
     assert passed
-    assert "<= 100" in said
+    assert "<= 100" in message
     assert not proved.found.check("bound.rotation_deg > 0")[0]
     for expression in ("nonsense", "bound.nothing > 1", 3, None):
         with pytest.raises(InputError):
@@ -286,8 +286,8 @@ def test_the_plot_draws_what_was_measured(proved, bounds):
     assert {"LM, RMS", "bound (CRLB)"} <= set(labels)
     drawn = dict(zip(labels, ax.get_legend_handles_labels()[0], strict=True))["bound (CRLB)"].get_ydata()
     assert list(drawn) == [row["rotation_deg"] for row in proved.found.bound["by_polar_angle"].values()]
-    own = bounds.plot()
-    assert own.figure.axes == [own]
+    ours = bounds.plot()
+    assert ours.figure.axes == [ours]
 
 
 def test_without_trials_the_plot_shows_the_views(proved):

@@ -65,7 +65,7 @@ def test_a_tolerance_is_a_length(here, marker, make_marker):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "said"),
+    ("arguments", "options", "message"),
     [
         ([3, "marker.csv"], {}, "dict of marker.json"),
         (["none.json", "marker.csv"], {}, "none.json"),
@@ -79,11 +79,11 @@ def test_a_tolerance_is_a_length(here, marker, make_marker):
         (["marker.json", "marker.csv"], {"save": "found.txt"}, ".json"),
     ],
 )
-def test_bad_input_is_our_own_error_in_one_line(here, arguments, options, said):
+def test_bad_input_is_our_own_error_in_one_line(here, arguments, options, message):
     before = set(here.iterdir())
     with pytest.raises(InputError) as caught:
         verify(*arguments, **options)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert set(here.iterdir()) == before
 

@@ -36,18 +36,18 @@ def test_information_of_dots_of_several_sizes_is_the_sum_of_theirs():
     poses, points = named_poses("cone:distance=2..4m,tilt=0..45,count=5"), np.eye(4, 2) * 0.2 + 0.01
     diameters = np.array([0.03, 0.03, 0.08, 0.08])
     seen = Coverage(points, diameters, poses, np.ones((5, 4), dtype=bool))
-    found = dot_information(seen, spec.camera, spec.image_noise, 1e-4)
+    results = dot_information(seen, spec.camera, spec.image_noise, 1e-4)
     for diameter in (0.03, 0.08):
         alike = np.flatnonzero(diameters == diameter)
         noise = DotNoise(diameter, spec.image_noise, 1e-4)
         alone = OBJECTIVES["pose"](Setting(spec.boundary, spec.camera, poses, noise)).information(points[None, alike])[
             0
         ]
-        np.testing.assert_allclose(found[:, alike].sum(axis=1), alone[0], rtol=1e-3, atol=1e-3 * np.abs(alone).max())
+        np.testing.assert_allclose(results[:, alike].sum(axis=1), alone[0], rtol=1e-3, atol=1e-3 * np.abs(alone).max())
 
 
 def test_five_default_dots_err_by_a_quarter_of_a_degree():
     setting = Setting(Circle(0.15), PAPER_CAMERA, paper())
-    found = marker_budget(regular_polygon(5, 0.1284), 0.036, setting, Spec().image_noise, ErrorSources())
+    result = marker_budget(regular_polygon(5, 0.1284), 0.036, setting, Spec().image_noise, ErrorSources())
     # The whole error with a print good to 0.1 mm that validate reports.
-    assert np.sqrt(np.mean(found.rotation_deg["total"] ** 2)) == pytest.approx(0.234, abs=5e-4)
+    assert np.sqrt(np.mean(result.rotation_deg["total"] ** 2)) == pytest.approx(0.234, abs=5e-4)

@@ -44,7 +44,7 @@ def opened(chromium):
         context = chromium.new_context(**looks)
         page, wrong = context.new_page(), []
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
         page.on(
             "request",
             lambda asked: (
@@ -64,8 +64,8 @@ def opened(chromium):
 @pytest.fixture(scope="session")
 def address():
     pytest.importorskip("starlette", reason="no starlette: pip install 'markergen[studio]'")
-    with serving(free_port()) as found:
-        yield found
+    with serving(free_port()) as result:
+        yield result
 
 
 @pytest.fixture
@@ -73,9 +73,9 @@ def studio(address, opened):
     with opened(
         link_of({}, address), lambda url: url.startswith((address, "blob:" + address[: address.index("/", 8)]))
     ) as page:
-        found = Studio(page)
-        found.settle()
-        yield found
+        result = Studio(page)
+        result.settle()
+        yield result
 
 
 @pytest.fixture
@@ -85,8 +85,8 @@ def refusing(address, chromium):
     page, wrong = context.new_page(), []
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.goto(link_of({}, address))
-    found = Studio(page)
-    found.settle()
-    yield found
+    result = Studio(page)
+    result.settle()
+    yield result
     context.close()
     assert not wrong

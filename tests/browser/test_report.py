@@ -68,8 +68,8 @@ def addresses(tmp_path_factory):
 def test_axe_finds_nothing(opened, addresses, kind, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     with opened(addresses[kind], color_scheme=scheme) as page:
-        found = axe.run(page).response["violations"]
-    assert not [(each["id"], [node["html"][:200] for node in each["nodes"]][:3]) for each in found]
+        results = axe.run(page).response["violations"]
+    assert not [(item["id"], [node["html"][:200] for node in item["nodes"]][:3]) for item in results]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -116,8 +116,8 @@ def test_paper_is_white_and_few(opened, addresses, kind):
         first = np.array(pages[0].render(scale=0.5).to_pil())
         page.emulate_media(media="print")
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
-        for selector, shown in ((".live", False), (".still", True)):
-            assert all(each.is_visible() == shown for each in page.locator(selector).all())
+        for selector, printed in ((".live", False), (".still", True)):
+            assert all(item.is_visible() == printed for item in page.locator(selector).all())
     assert np.median(first) == 255
     assert len(pages) <= 9
 
@@ -126,7 +126,7 @@ def test_paper_is_white_and_few(opened, addresses, kind):
 def test_without_scripts_there_are_still_pictures(opened, addresses, kind):
     with opened(addresses[kind], java_script_enabled=False) as page:
         assert not page.locator(".live").first.is_visible()
-        assert [each.is_visible() for each in page.locator(".still").all()] == [True, True]
+        assert [item.is_visible() for item in page.locator(".still").all()] == [True, True]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -144,40 +144,40 @@ def test_is_valid_html(addresses, kind):
 def test_dome_begins_with_the_hardest_pose_and_is_read_by_pointer_and_keys(opened, addresses, kind):
     with opened(addresses[kind], viewport={"width": 900, "height": 900}) as page:
         picture, slider = page.locator(".dome-picture"), page.get_by_role("slider")
-        said = page.locator(".dome-said")
+        message = page.locator(".dome-said")
         errors = page.evaluate("JSON.parse(document.querySelector('[data-dome]').dataset.dome).poses.rotation")
         hardest = max((value, k) for k, value in enumerate(errors) if value is not None)[0]
         digits = 2 if hardest < 1 else 3
-        assert f"rotation error {float(f'{hardest:.{digits}g}'):g} deg" in said.inner_text()
-        assert (", the worst: " in said.inner_text()) == (None not in errors)
+        assert f"rotation error {float(f'{hardest:.{digits}g}'):g} deg" in message.inner_text()
+        assert (", the worst: " in message.inner_text()) == (None not in errors)
 
         slider.focus()
         page.keyboard.press("Home")
         least = min(value for value in errors if value is not None)
-        easiest = said.inner_text()
+        easiest = message.inner_text()
         assert f"rotation error {float(f'{least:.2g}'):g}" in easiest
         assert slider.get_attribute("aria-valuetext") == easiest
         assert "the worst" not in easiest
         page.keyboard.press("ArrowRight")
-        assert said.inner_text() != easiest
+        assert message.inner_text() != easiest
 
         before = picture.inner_html()
         picture.focus()
         page.keyboard.press("ArrowLeft")
-        turned = picture.inner_html()
-        assert turned != before
+        rotated = picture.inner_html()
+        assert rotated != before
         box = picture.bounding_box()
         page.mouse.move(box["x"] + 200, box["y"] + 100)
         page.mouse.down()
         page.mouse.move(box["x"] + 260, box["y"] + 120, steps=3)
         page.mouse.up()
-        assert picture.inner_html() != turned
+        assert picture.inner_html() != rotated
 
-        words = said.inner_text()
+        phrase = message.inner_text()
         front = page.locator(".dome-picture circle:not([fill=none])").last
         spot = front.bounding_box()
         page.mouse.click(spot["x"] + spot["width"] / 2, spot["y"] + spot["height"] / 2)
-        assert said.inner_text() != words
+        assert message.inner_text() != phrase
 
         page.get_by_role("combobox").select_option("translation")
         assert "translation error" in picture.get_attribute("aria-label")

@@ -124,7 +124,7 @@ def test_a_body_is_printed_with_its_picture(studio):
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert page.evaluate(inked)
     page.emulate_media(media="print")
-    box, around = (page.locator(each).bounding_box() for each in ("#stage canvas", "#stage .space"))
+    box, around = (page.locator(item).bounding_box() for item in ("#stage canvas", "#stage .space"))
     assert box["width"] <= around["width"] + 1
     assert page.locator("#body-note").is_visible()
 

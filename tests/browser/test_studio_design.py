@@ -21,8 +21,8 @@ def test_it_begins_with_a_polygon_and_its_error(studio):
     assert studio.dots() == 5
     plan = mg.design(n=5).plan
     studio.page.wait_for_selector("body[data-rested]", timeout=60_000)
-    shown = [studio.page.locator(name).inner_text().splitlines()[0] for name in ("#degrees", "#millimeters")]
-    assert " and ".join(shown) == plan.amounts
+    printed = [studio.page.locator(name).inner_text().splitlines()[0] for name in ("#degrees", "#millimeters")]
+    assert " and ".join(printed) == plan.amounts
     assert studio.page.locator("#plan").inner_text().lower().startswith(plan.prospect)
 
 
@@ -41,10 +41,10 @@ def test_a_search_is_shown_and_ends_in_the_layout_of_the_command(studio, tmp_pat
     studio.page.wait_for_selector("#optimize:text-is('Optimize')", timeout=60_000)
     studio.until("() => document.getElementById('said').textContent.includes('no 6 dots in this room')")
     points = mg.design(n=6).marker.xyz[:, :2]
-    found = [
-        [float(each.removesuffix("mm")) for each in dot.split(",")] for dot in studio.state()["points"].split("; ")
+    result = [
+        [float(item.removesuffix("mm")) for item in dot.split(",")] for dot in studio.state()["points"].split("; ")
     ]
-    np.testing.assert_allclose(np.array(found, dtype=float) / 1e3, points, atol=1e-10)
+    np.testing.assert_allclose(np.array(result, dtype=float) / 1e3, points, atol=1e-10)
     assert studio.state()["sized"] == studio.state()["dot"]
     # What is downloaded is what the command makes that is offered for copying.
     monkeypatch.chdir(tmp_path)
@@ -139,15 +139,15 @@ def test_what_is_refused_is_marked_at_its_field_in_the_words_of_the_page(refusin
 
 
 def test_what_takes_long_is_said_meanwhile(studio):
-    shown = "() => getComputedStyle(document.querySelector('.bar'), '::after').visibility"
-    assert studio.page.evaluate(shown) == "hidden"
+    printed = "() => getComputedStyle(document.querySelector('.bar'), '::after').visibility"
+    assert studio.page.evaluate(printed) == "hidden"
     held = []
     studio.page.route("**/look", lambda route: held.append(route))
     studio.page.locator("#option-n").fill("7")
     studio.page.keyboard.press("Tab")
-    studio.until(f"() => ({shown})() === 'visible'")
+    studio.until(f"() => ({printed})() === 'visible'")
     held.pop().continue_()
-    studio.until(f"() => ({shown})() === 'hidden'")
+    studio.until(f"() => ({printed})() === 'hidden'")
     studio.page.unroute("**/look")
     assert studio.dots() == 7
 
@@ -159,7 +159,7 @@ def test_a_refused_state_is_neither_downloaded_nor_copied(refusing):
     refusing.page.wait_for_selector("#option-radius[aria-invalid]")
     wrong = refusing.said()
     loaded = []
-    refusing.page.on("download", lambda each: loaded.append(each))
+    refusing.page.on("download", lambda item: loaded.append(item))
     for button in ("download", "command", "python", "spec", "share"):
         (refusing.page.click("#download") if button == "download" else refusing.copy(button))
         refusing.until(f"() => document.getElementById('said').textContent === {json.dumps(wrong)}")
@@ -189,7 +189,7 @@ def test_the_copied_command_makes_the_download_whatever_was_drawn(studio, tmp_pa
         studio.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
         type_in(studio, "keep_out", "circle:10mm@30mm,20mm")
         assert len(studio.state()["keep_out"]) == 1
-    loaded, words = {}, {}
+    loaded, phrase = {}, {}
     for suffix in (".json", ".toml"):
         studio.page.select_option("#suffix", suffix)
         with studio.page.expect_download() as loading:
@@ -198,11 +198,11 @@ def test_the_copied_command_makes_the_download_whatever_was_drawn(studio, tmp_pa
     for button in ("command", "spec"):
         studio.copy(button)
         studio.until(f"() => document.getElementById('said').textContent.startsWith('Copied the {button}')")
-        words[button] = studio.page.evaluate("() => navigator.clipboard.readText()")
-    assert words["spec"].encode() == loaded[".toml"]
+        phrase[button] = studio.page.evaluate("() => navigator.clipboard.readText()")
+    assert phrase["spec"].encode() == loaded[".toml"]
     empty = tmp_path / "empty"
     empty.mkdir()
-    typed = words["command"].replace("\nmarkergen ", f"\n{shlex.quote(sys.executable)} -m markergen ")
+    typed = phrase["command"].replace("\nmarkergen ", f"\n{shlex.quote(sys.executable)} -m markergen ")
     subprocess.run(["bash", "-e"], input=typed.encode(), cwd=empty, check=True, capture_output=True)
     assert (empty / "marker.json").read_bytes() == loaded[".json"]
 

@@ -196,7 +196,7 @@ def test_corners_are_drawn_in_round_numbers_and_without_a_ring_around_all(studio
         studio.page.mouse.click(x + right, y + down, delay=20)
     studio.page.keyboard.press("Enter")
     studio.page.wait_for_selector("#canvas .out")
-    ((corners,),) = (each["outlines"] for each in studio.state()["keep_out"])
+    ((corners,),) = (item["outlines"] for item in studio.state()["keep_out"])
     assert all(len(repr(value).partition(".")[2]) <= 5 for corner in corners for value in corner)
     assert studio.page.evaluate("() => getComputedStyle(document.getElementById('marker')).outlineStyle") == "none"
 
@@ -264,7 +264,7 @@ def test_a_room_that_is_drawn_off_center_takes_its_center_and_all_that_is_there_
     studio.page.wait_for_selector("[data-mode=move][aria-pressed=true]")
     state = studio.state()
     [keep] = state["keep_out"]
-    x, y = (float(each.removesuffix("mm")) for each in keep.partition("@")[2].split(","))
+    x, y = (float(item.removesuffix("mm")) for item in keep.partition("@")[2].split(","))
     asked = {name: state[name] for name in ("radius", "boundary", "keep_out") if name in state}
     room = mg.design(**asked, n=5, restarts=1).spec.boundary
     np.testing.assert_allclose(room.center, 0, atol=1e-6)

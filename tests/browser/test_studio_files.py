@@ -96,9 +96,9 @@ def test_a_photograph_is_searched(studio, tmp_path):
     studio.give(tmp_path / "seen.png", tmp_path / "empty.png")
     studio.until("() => document.querySelectorAll('#photos figcaption').length === 2")
     studio.until("() => !document.getElementById('photos').textContent.includes('looking')")
-    said = studio.page.locator("#photos").inner_text()
-    assert "seen.png: found, 5 dots" in said
-    assert "empty.png: not found" in said
+    message = studio.page.locator("#photos").inner_text()
+    assert "seen.png: found, 5 dots" in message
+    assert "empty.png: not found" in message
 
 
 def test_a_camera_file_gives_photographs_their_pose_and_the_calibration_its_share(studio, tmp_path):
@@ -113,8 +113,8 @@ def test_a_camera_file_gives_photographs_their_pose_and_the_calibration_its_shar
         "camera_parameters: [fx, fy, cx, cy]\n"
         "camera_covariance: [[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 2, 0], [0, 0, 0, 2]]\n"
     )
-    turned, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
-    image = render_view(mg.design(n=5).marker, setting, turned, place, Optics(), np.random.default_rng(1))
+    rotated, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
+    image = render_view(mg.design(n=5).marker, setting, rotated, place, Optics(), np.random.default_rng(1))
     Image.fromarray(image).save(tmp_path / "seen.png")
     studio.give(tmp_path / "camera.yaml", tmp_path / "seen.png")
     studio.until("() => /found, 5 dots. 0.8\\d* m away/.test(document.getElementById('photos').textContent)")
@@ -134,8 +134,8 @@ def test_photographs_calibrate_and_what_they_measure_is_downloaded(studio, tmp_p
         mg.Poses.load("cone:distance=0.6..0.9,tilt=20..50,count=8"),
     )
     marker, rng = mg.design(n=5).marker, np.random.default_rng(1)
-    for k, (turned, place) in enumerate(zip(poses.rotation, poses.translation, strict=True)):
-        image = render_view(marker, setting, turned, place, Optics(), rng)
+    for k, (rotated, place) in enumerate(zip(poses.rotation, poses.translation, strict=True)):
+        image = render_view(marker, setting, rotated, place, Optics(), rng)
         Image.fromarray(image).save(tmp_path / f"{k}.png")
     assert studio.page.is_hidden("#calibrate")
     studio.give(*(tmp_path / f"{k}.png" for k in range(8)))
@@ -157,7 +157,7 @@ def test_photographs_calibrate_and_what_they_measure_is_downloaded(studio, tmp_p
 
 def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing, tmp_path):
     before = refusing.state()
-    for name, data, said in (
+    for name, data, message in (
         ("bad.json", b'{"a": 1}', "bad.json"),
         ("bad.toml", b"n = [", "bad.toml"),
         ("bad.svg", b"<svg", "bad.svg"),
@@ -165,7 +165,7 @@ def test_bad_files_and_values_are_refused_in_a_line_and_change_nothing(refusing,
     ):
         (tmp_path / name).write_bytes(data)
         refusing.give(tmp_path / name)
-        refusing.page.wait_for_selector(f"#said.fault:has-text('{said}')")
+        refusing.page.wait_for_selector(f"#said.fault:has-text('{message}')")
         assert refusing.state() == before
     refusing.page.locator("#option-radius").fill("wide")
     refusing.page.keyboard.press("Tab")
@@ -280,12 +280,12 @@ def test_keep_outs_of_the_sheet_of_the_room_lie_where_they_are_drawn(studio, tmp
     studio.give(holes)
     studio.page.click("#drop-keep")
     studio.page.wait_for_selector("#canvas .out")
-    [own] = mg.design(
-        **{name: each for name, each in studio.state().items() if name != "drawing_center"}
+    [ours] = mg.design(
+        **{name: item for name, item in studio.state().items() if name != "drawing_center"}
     ).spec.keep_outs
     [same] = mg.design(n=5, boundary=plate, keep_out=[holes]).spec.keep_outs
-    assert own == same
-    assert own.center == pytest.approx((-0.07, 0.05))
+    assert ours == same
+    assert ours.center == pytest.approx((-0.07, 0.05))
 
 
 def test_a_drawing_that_is_no_room_does_not_look_like_one(refusing, tmp_path):
@@ -302,8 +302,8 @@ def test_photographs_are_taken_with_the_camera_of_the_state(studio, tmp_path):
     from markergen.render import Optics, render_view
 
     setting = mg.Camera(640, 480, 800, 800, 320, 240)
-    turned, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
-    image = render_view(mg.design(n=5).marker, setting, turned, place, Optics(), np.random.default_rng(1))
+    rotated, place = np.diag([1.0, -1, -1]), np.array([0, 0, 0.8])
+    image = render_view(mg.design(n=5).marker, setting, rotated, place, Optics(), np.random.default_rng(1))
     Image.fromarray(image).save(tmp_path / "seen.png")
     studio.give(uploads(tmp_path, "camera.yaml", "width: 640\nheight: 480\nfx: 800\nfy: 800\ncx: 320\ncy: 240\n"))
     studio.until("() => document.getElementById('said').textContent.startsWith('camera.yaml')")

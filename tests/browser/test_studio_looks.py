@@ -43,17 +43,17 @@ def test_of_many_problems_the_first_are_told_and_everyone_can_read_them(address,
     state = {"points": OVERLAPPING, "dot": "20mm"}
     with opened(link_of(state, address), lambda url: url.startswith((address, "blob:")), bypass_csp=True) as page:
         Studio(page).settle()
-        said = page.locator("#problems li").all_inner_texts()
-        assert len(said) == 6
-        assert said[0] == sentence("dots near", 0, 1, "21 mm")
-        assert said[-1] == "And 5 more."
+        message = page.locator("#problems li").all_inner_texts()
+        assert len(message) == 6
+        assert message[0] == sentence("dots near", 0, 1, "21 mm")
+        assert message[-1] == "And 5 more."
         assert obstacles(page) == []
 
 
 def test_a_window_of_middle_width_shows_nothing_over_the_options(studio):
     studio.page.set_viewport_size({"width": 1100, "height": 800})
     studio.page.locator("#options").scroll_into_view_if_needed()
-    facts, options = (studio.page.locator(each).bounding_box() for each in ("#facts", "#options"))
+    facts, options = (studio.page.locator(item).bounding_box() for item in ("#facts", "#options"))
     assert facts["y"] + facts["height"] <= options["y"]
     # As long as the marker is in view, they stay beside it.
     studio.page.evaluate("() => window.scrollTo(0, 300)")
@@ -105,7 +105,7 @@ def test_its_scripts_are_well_formed():
     node = shutil.which("node")
     if not node:
         pytest.skip("no node in the path")
-    scripts = [each for each in (files("markergen.studio") / "static").iterdir() if each.name.endswith(".js")]
+    scripts = [item for item in (files("markergen.studio") / "static").iterdir() if item.name.endswith(".js")]
     assert scripts
     for script in scripts:
         subprocess.run([node, "--input-type=module", "--check"], input=script.read_bytes(), check=True)
@@ -118,7 +118,7 @@ def test_its_pictures_are_taken_by_a_script(launched, tmp_path):
     light, dark = tmp_path / "light.png", tmp_path / "dark.png"
     script = [sys.executable, "-m", "docs.picture_of_the_studio", str(tmp_path / "four.toml"), str(light), str(dark)]
     subprocess.run(script, check=True, timeout=300)
-    shades = [np.asarray(Image.open(each).convert("L")).mean() for each in (light, dark)]
+    shades = [np.asarray(Image.open(item).convert("L")).mean() for item in (light, dark)]
     assert shades[0] > 200 > 100 > shades[1]
 
 

@@ -28,12 +28,12 @@ def photographed(markers: list[Marker], photos: int, seed: int = 0, false: int =
         rotation, translation = hand_held(photos, rng, marker.xyz)
         place, before = printed(marker.xyz, rng), sum(counts[:k])
         radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
-        own = slice(before, before + len(marker))
+        ours = slice(before, before + len(marker))
         pixels, seen = np.ones((photos, total, 2)), np.zeros((photos, total), dtype=bool)
         drawn = outlines(place, radii, rotation, translation)
-        pixels[:, own] = CAMERA.dot_centers(drawn.center, drawn.shape)
-        pixels[:, own] += rng.normal(0, SIGMA, pixels[:, own].shape)
-        seen[:, own] = True
+        pixels[:, ours] = CAMERA.dot_centers(drawn.center, drawn.shape)
+        pixels[:, ours] += rng.normal(0, SIGMA, pixels[:, ours].shape)
+        seen[:, ours] = True
         pixels[range(false), before + 1] += [3.0, -1.0]
         spread = np.broadcast_to(SIGMA**2 * np.eye(2), (photos, total, 2, 2))
         parts.append(Views(pixels, spread, seen, rotation, translation))
@@ -51,13 +51,13 @@ def calibrated() -> Callable[..., Calibration]:
     """Calibrate from simulated photographs instead of real ones, of prints of the markers or of others `made`."""
 
     def calibrated(
-        markers: list[Marker], photos: int, known: calibration.Known, made: list[Marker] | None = None, **drawn: int
+        markers: list[Marker], photos: int, reference: calibration.Known, made: list[Marker] | None = None, **drawn: int
     ) -> Calibration:
         start = replace(CAMERA, fx=780.0, fy=780.0, distortion=Distortion("radtan", (0.0,) * 5))
         sightings = photographed(made or markers, photos, **drawn)
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(calibration, "find_dots", lambda *_, **__: (sightings, known.camera or start))
-            return calibration.calibrate_bodies(markers, None, known)
+            patched.setattr(calibration, "find_dots", lambda *_, **__: (sightings, reference.camera or start))
+            return calibration.calibrate_bodies(markers, None, reference)
 
     return calibrated
 

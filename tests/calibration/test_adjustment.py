@@ -36,11 +36,11 @@ def by_scipy(network, views, start):
     return least_squares(residuals, rough, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15).cost * 2
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_minimum_is_that_of_another_solver(photographs, known):
-    network = photographs.network if known else photographs.unknown_camera(("fx", "cx", "cy", "k1"))
-    found = adjust(network, photographs.views)
-    assert found.chi2 == pytest.approx(by_scipy(network, photographs.views, found), rel=1e-6)
+@pytest.mark.parametrize("reference", [True, False])
+def test_the_minimum_is_that_of_another_solver(photographs, reference):
+    network = photographs.network if reference else photographs.unknown_camera(("fx", "cx", "cy", "k1"))
+    adjustment = adjust(network, photographs.views)
+    assert adjustment.chi2 == pytest.approx(by_scipy(network, photographs.views, adjustment), rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -50,24 +50,24 @@ def test_the_minimum_is_that_of_opencv(seed):
 
 
 def test_the_dots_stay_in_the_frame_of_the_design(photographs):
-    found = adjust(photographs.network, photographs.views)
+    adjustment = adjust(photographs.network, photographs.views)
     gauge = photographs.network.gauge(photographs.network.design)
-    off = (found.places - photographs.network.design).ravel()
+    off = (adjustment.places - photographs.network.design).ravel()
     assert np.abs(gauge.T @ off).max() < 1e-12
-    assert np.abs(gauge.T @ found.covariance).max() < 1e-6 * np.abs(found.covariance).max()
+    assert np.abs(gauge.T @ adjustment.covariance).max() < 1e-6 * np.abs(adjustment.covariance).max()
 
 
 def test_the_covariance_is_that_of_the_bordered_system(photographs):
     """Inverse of [N C; C' 0], by brute force from the whole normal matrix."""
-    found = adjust(photographs.network, photographs.views)
-    reduced = found.normal.reduced()
+    adjustment = adjust(photographs.network, photographs.views)
+    reduced = adjustment.normal.reduced()
     gauge = photographs.network.gauge(photographs.network.design)
     g = gauge.shape[1]
     scale = np.abs(reduced).max()
     bordered = np.block([[reduced / scale, gauge], [gauge.T, np.zeros((g, g))]])
     inverse = np.linalg.inv(bordered)[:-g, :-g] / scale
     # N is singular along the gauge only up to the curvature at residuals of a few hundredths of a pixel.
-    np.testing.assert_allclose(found.unscaled, inverse, atol=2e-3 * np.abs(inverse).max())
+    np.testing.assert_allclose(adjustment.unscaled, inverse, atol=2e-3 * np.abs(inverse).max())
 
 
 def test_a_measured_length_gives_the_scale(photographs):
@@ -75,22 +75,22 @@ def test_a_measured_length_gives_the_scale(photographs):
     length = float(np.linalg.norm(true[first] - true[second]))
     network = replace(photographs.network, lengths=(Length(first, second, length, 1e-4),))
     # What the camera sees does not tell a larger print from a nearer one.
-    found = adjust(network, photographs.views)
-    assert np.linalg.norm(found.places[first] - found.places[second]) == pytest.approx(length, rel=1e-9)
-    apart = np.zeros(found.places.shape)
-    apart[first] = (found.places[first] - found.places[second]) / length
+    adjustment = adjust(network, photographs.views)
+    assert np.linalg.norm(adjustment.places[first] - adjustment.places[second]) == pytest.approx(length, rel=1e-9)
+    apart = np.zeros(adjustment.places.shape)
+    apart[first] = (adjustment.places[first] - adjustment.places[second]) / length
     apart[second] = -apart[first]
-    sigma = np.sqrt(apart.ravel() @ found.covariance @ apart.ravel() / found.scale)
+    sigma = np.sqrt(apart.ravel() @ adjustment.covariance @ apart.ravel() / adjustment.scale)
     assert sigma == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_two_lengths_that_differ_are_weighted():
     photographs = scene(6, 8, np.random.default_rng(3), sigma=1e-3)
     network = replace(photographs.network, lengths=(Length(0, 3, 0.2201, 1e-4), Length(1, 4, 0.2207, 2e-4)))
-    found = adjust(network, photographs.views)
+    adjustment = adjust(network, photographs.views)
     free = adjust(photographs.network, photographs.views)
     lengths = np.array(
-        [[np.linalg.norm(each.places[i] - each.places[i + 3]) for i in (0, 1)] for each in (found, free)]
+        [[np.linalg.norm(item.places[i] - item.places[i + 3]) for i in (0, 1)] for item in (adjustment, free)]
     )
     ratio, weights = np.array([0.2201, 0.2207]) / lengths[1], (lengths[1] / [1e-4, 2e-4]) ** 2
     # The photographs hold the shape of the print to 2 um, so it gives way by a thousandth of that difference.
@@ -99,63 +99,63 @@ def test_two_lengths_that_differ_are_weighted():
 
 def test_dots_measured_by_hand_count_in_whatever_frame(photographs):
     true = in_gauge(photographs.places, photographs.network)
-    turned = true @ exponential(np.array([0.0, 0.0, 0.01])).T + [0.002, -0.001, 0]
+    rotated = true @ exponential(np.array([0.0, 0.0, 0.01])).T + [0.002, -0.001, 0]
     prior = np.zeros((6, 3, 3))
     prior[:, :2, :2] = np.eye(2) / 1e-5**2
-    network = replace(photographs.network, design=turned, prior=prior)
-    found = adjust(network, photographs.views)
-    apart = np.linalg.norm(found.places - found.places[[1, 2, 3, 4, 5, 0]], axis=1)
+    network = replace(photographs.network, design=rotated, prior=prior)
+    adjustment = adjust(network, photographs.views)
+    apart = np.linalg.norm(adjustment.places - adjustment.places[[1, 2, 3, 4, 5, 0]], axis=1)
     np.testing.assert_allclose(apart, np.linalg.norm(true - true[[1, 2, 3, 4, 5, 0]], axis=1), atol=3e-5)
     alone = adjust(photographs.network, photographs.views)
-    assert np.trace(found.covariance / found.scale) < np.trace(alone.covariance / alone.scale)
+    assert np.trace(adjustment.covariance / adjustment.scale) < np.trace(alone.covariance / alone.scale)
 
 
 def test_disks_are_fitted_by_the_centers_of_their_ellipses():
     """Without that, the dots of 36 mm at 0.4 m would be off by a pixel."""
     made = scene(6, 12, np.random.default_rng(5), sigma=1e-4, radius=0.018)
-    found = adjust(made.network, made.views)
-    assert found.rms < 3e-4
-    assert np.abs(found.places - in_gauge(made.places, made.network)).max() < 1e-6
+    adjustment = adjust(made.network, made.views)
+    assert adjustment.rms < 3e-4
+    assert np.abs(adjustment.places - in_gauge(made.places, made.network)).max() < 1e-6
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_covariance_is_true(known):
+@pytest.mark.parametrize("reference", [True, False])
+def test_the_covariance_is_true(reference):
     """NEES per degree of freedom of 30 sets with 8 or 11 degrees each: 1 +- 0.33 at four sigma."""
-    rng, found = np.random.default_rng(11), []
+    rng, result = np.random.default_rng(11), []
     for _ in range(30):
         made = scene(5, 15, rng)
-        network = made.network if known else made.unknown_camera()
-        each = adjust(network, made.views)
-        found.append(nees(each.places - in_gauge(made.places, network), each.covariance / each.scale))
-    assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / (30 * 8)))
+        network = made.network if reference else made.unknown_camera()
+        item = adjust(network, made.views)
+        result.append(nees(item.places - in_gauge(made.places, network), item.covariance / item.scale))
+    assert np.mean(result) == pytest.approx(1, abs=4 * np.sqrt(2 / (30 * 8)))
 
 
 def test_a_camera_known_with_a_sigma_is_neither_exact_nor_free(photographs):
     sigma = np.array([2.0, 2.0, 1.5, 1.5, 1e-2, 1e-2, 0, 0, 0])
     freedom = CameraFreedom.of_covariance(np.diag(sigma**2))
     assert len(freedom) == 6
-    found = adjust(replace(photographs.network, freedom=freedom), photographs.views)
-    spread = np.sqrt(np.diag(found.camera_covariance) / found.scale)
+    adjustment = adjust(replace(photographs.network, freedom=freedom), photographs.views)
+    spread = np.sqrt(np.diag(adjustment.camera_covariance) / adjustment.scale)
     assert (spread[:6] < sigma[:6]).all()
     assert (spread[6:] == 0).all()
     exact = adjust(photographs.network, photographs.views)
-    assert np.trace(found.covariance / found.scale) > np.trace(exact.covariance / exact.scale)
+    assert np.trace(adjustment.covariance / adjustment.scale) > np.trace(exact.covariance / exact.scale)
 
 
 def test_held_dots_stay(photographs):
     network = replace(photographs.network, free=False)
-    found = adjust(network, photographs.views)
-    np.testing.assert_array_equal(found.places, network.design)
-    assert found.rms > 4 * adjust(photographs.network, photographs.views).rms
+    adjustment = adjust(network, photographs.views)
+    np.testing.assert_array_equal(adjustment.places, network.design)
+    assert adjustment.rms > 4 * adjust(photographs.network, photographs.views).rms
 
 
 def test_residuals_have_the_covariance_that_is_claimed():
     rng, squares = np.random.default_rng(2), []
     for _ in range(40):
         made = scene(5, 6, rng)
-        found = adjust(made.network, made.views)
-        spread, seen = np.trace(found.residual_covariance(), axis1=-2, axis2=-1), made.views.seen
-        squares.append([np.sum(found.residual[seen] ** 2), np.sum(spread[seen])])
+        adjustment = adjust(made.network, made.views)
+        spread, seen = np.trace(adjustment.residual_covariance(), axis1=-2, axis2=-1), made.views.seen
+        squares.append([np.sum(adjustment.residual[seen] ** 2), np.sum(spread[seen])])
     measured, claimed = np.sum(squares, axis=0)
     # 40 sets with some 20 degrees of freedom: their sum of squares is known to 5 %.
     assert measured == pytest.approx(claimed, rel=0.15)
@@ -189,9 +189,9 @@ def test_markers_have_frames_of_their_own():
 
     parts = beside(first.views, False), beside(second.views, True)
     names = ("pixels", "covariance", "seen", "rotation", "translation")
-    joined = type(parts[0])(*(np.concatenate([getattr(each, name) for each in parts]) for name in names))
-    found = adjust(both, joined)
-    for k, each in enumerate((first, second)):
-        alone = adjust(each.network, each.views)
-        np.testing.assert_allclose(found.places[5 * k : 5 * k + 5], alone.places, atol=1e-9)
-    assert found.camera == CAMERA
+    joined = type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    adjustment = adjust(both, joined)
+    for k, part in enumerate((first, second)):
+        alone = adjust(part.network, part.views)
+        np.testing.assert_allclose(adjustment.places[5 * k : 5 * k + 5], alone.places, atol=1e-9)
+    assert adjustment.camera == CAMERA

@@ -25,15 +25,15 @@ def _choice(camera, n=16, photos=12, seed=0):
 
 
 def test_the_base_set_is_kept_where_the_lens_needs_no_more():
-    found = _choice(CAMERA, seed=1)
-    assert found.names == BASE
-    assert found.camera.distortion == Distortion("radtan", (0.0,) * 5)
-    assert len(found.freedom) == 5
-    assert found.freedom.directions[:2, 0].tolist() == [1, 1]
-    assert found.tried[0].names == BASE
-    assert found.tried[0].taken
-    assert not any(each.taken for each in found.tried[1:])
-    assert found.tried[0].left_out.rms < min(each.left_out.rms for each in found.tried[1:]) * 1.01
+    result = _choice(CAMERA, seed=1)
+    assert result.names == BASE
+    assert result.camera.distortion == Distortion("radtan", (0.0,) * 5)
+    assert len(result.freedom) == 5
+    assert result.freedom.directions[:2, 0].tolist() == [1, 1]
+    assert result.tried[0].names == BASE
+    assert result.tried[0].taken
+    assert not any(item.taken for item in result.tried[1:])
+    assert result.tried[0].left_out.rms < min(item.left_out.rms for item in result.tried[1:]) * 1.01
 
 
 @pytest.mark.parametrize(
@@ -45,9 +45,9 @@ def test_the_base_set_is_kept_where_the_lens_needs_no_more():
     ],
 )
 def test_a_parameter_joins_that_left_out_photographs_need(camera, joins, n):
-    found = _choice(camera, n)
-    assert set(joins) <= set(found.names)
-    taken = next(each for each in found.tried[1:] if each.taken)
+    result = _choice(camera, n)
+    assert set(joins) <= set(result.names)
+    taken = next(item for item in result.tried[1:] if item.taken)
     assert set(joins) <= set(taken.names)
     assert taken.gain.low > 1
 
@@ -63,9 +63,9 @@ def test_groups_join_together_where_none_does_by_itself():
 
 @pytest.mark.long
 def test_few_photographs_hold_what_they_do_not_determine():
-    found = _choice(CAMERA, 5, 4)
-    assert set(found.names) < set(BASE)
-    assert "held" in found.notes[0]
+    result = _choice(CAMERA, 5, 4)
+    assert set(result.names) < set(BASE)
+    assert "held" in result.notes[0]
 
 
 def test_too_few_photographs_are_told():

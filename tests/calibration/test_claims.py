@@ -14,7 +14,7 @@ SIGMA = np.array([2.0, 2.0, 2.0, 2.0, 2e-3, 5e-3, 2e-4, 2e-4, 0.0])
 
 def _claims(case, n, photos, sets, flex=0.0):
     """NEES per degree of freedom (sets, 2), and the variance factors and tests for bending."""
-    found, told = [], []
+    result, output = [], []
     for k in range(sets):
         rng = np.random.default_rng([k, n, photos])
         made = simulate(n, photos, rng, flex=flex)
@@ -24,16 +24,16 @@ def _claims(case, n, photos, sets, flex=0.0):
             "wrong": lambda made=made, rng=rng: made.network(*wrong_camera(rng, SIGMA)[::-1]),
         }[case]()
         whole = adjust(network, made.views)
-        found.append([*claims(made, whole, rng), whole.scale])
-        told.append(flexing(whole).bends)
-    return np.array(found), np.array(told)
+        result.append([*claims(made, whole, rng), whole.scale])
+        output.append(flexing(whole).bends)
+    return np.array(result), np.array(output)
 
 
 @pytest.mark.parametrize("case", ["known", "unknown", "wrong"])
 def test_errors_are_as_large_as_claimed(case):
     """Over 25 sets of 12 photographs; the means have standard deviations of 0.12 at most."""
-    found, _ = _claims(case, 6, 12, 25)
-    assert (abs(found[:, :2].mean(axis=0) - 1) < 0.36).all()
+    results, _ = _claims(case, 6, 12, 25)
+    assert (abs(results[:, :2].mean(axis=0) - 1) < 0.36).all()
 
 
 def test_an_error_of_the_camera_that_is_ignored_is_not_covered():
@@ -53,8 +53,8 @@ def test_an_error_of_the_camera_that_is_ignored_is_not_covered():
 @pytest.mark.parametrize("photos", [10, 20])
 def test_errors_over_many_sets_are_as_large_as_claimed(case, n, photos):
     """Dots within 0.85 to 1.15 over 200 sets; standard deviations are 0.035 for dots and 0.05 for the pose."""
-    found, _ = _claims(case, n, photos, 200)
-    dots, pose = found[:, :2].mean(axis=0)
+    results, _ = _claims(case, n, photos, 200)
+    dots, pose = results[:, :2].mean(axis=0)
     assert 0.85 < dots < 1.15
     assert 0.85 < pose < 1.15
 
@@ -62,9 +62,9 @@ def test_errors_over_many_sets_are_as_large_as_claimed(case, n, photos):
 @pytest.mark.long
 def test_bending_is_carried_by_the_scale_and_told():
     """Bent by 0.2 mm between photographs: 1.3 with the scale, and more than 2.5 without."""
-    found, told = _claims("known", 5, 20, 100, 2e-4)
-    scaled, unscaled = found[:, 0].mean(), (found[:, 0] * found[:, 2]).mean()
-    assert told.mean() > 0.95
+    results, output = _claims("known", 5, 20, 100, 2e-4)
+    scaled, unscaled = results[:, 0].mean(), (results[:, 0] * results[:, 2]).mean()
+    assert output.mean() > 0.95
     assert 0.7 < scaled < 1.6
     assert unscaled > 2.5
 

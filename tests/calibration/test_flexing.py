@@ -21,7 +21,7 @@ def test_chi2_falls_as_by_a_fit_of_bends():
     """All poses, dots and bends at once, by a dense least squares of differences at the adjusted network."""
     made = simulate(6, 5, np.random.default_rng(0), flex=1e-4)
     whole = adjust(made.network(), made.views)
-    found = flexing(whole)
+    result = flexing(whole)
     x, y = made.design[:, :2].T / 0.1
     modes = np.stack([x * x, x * y, y * y])
 
@@ -42,30 +42,30 @@ def test_chi2_falls_as_by_a_fit_of_bends():
     rank, freedom = 2 * 5 - 2, whole.degrees_of_freedom
     assert kept.sum() == 60 - freedom + rank
     statistic = (whole.chi2 - rest) / rank / (rest / (freedom - rank))
-    assert found.statistic == pytest.approx(statistic, rel=1e-4)
+    assert result.statistic == pytest.approx(statistic, rel=1e-4)
 
 
 @pytest.mark.parametrize("unknown", [False, True])
 def test_bends_of_a_fifth_of_a_millimeter_are_noticed(unknown):
-    found = [_found(5, 20, k, 2e-4, unknown) for k in range(8)]
-    assert sum(each.bends for each in found) >= 7
+    results = [_found(5, 20, k, 2e-4, unknown) for k in range(8)]
+    assert sum(item.bends for item in results) >= 7
     # On five dots on the rim a cylinder z = a x^2 / r^2 leaves a RMS of a/sqrt(8), less its shift and tilt.
-    assert np.sqrt(np.mean([each.amplitude**2 for each in found])) == pytest.approx(2e-4 / np.sqrt(8), rel=0.3)
-    assert "bends" in found[0].verdict
+    assert np.sqrt(np.mean([item.amplitude**2 for item in results])) == pytest.approx(2e-4 / np.sqrt(8), rel=0.3)
+    assert "bends" in results[0].verdict
 
 
 def test_a_rigid_marker_does_not_bend():
-    found = [_found(5, 20, 100 + k) for k in range(8)]
-    assert not any(each.bends for each in found)
-    assert "nothing shows" in found[0].verdict
+    results = [_found(5, 20, 100 + k) for k in range(8)]
+    assert not any(item.bends for item in results)
+    assert "nothing shows" in results[0].verdict
 
 
 def test_a_hundredth_of_a_millimeter_is_negligible():
     """Many dots show it, by far more than chance."""
-    found = _found(100, 20, 0, 5e-5)
-    assert found.chance < 1e-4
-    assert not found.bends
-    assert "negligible" in found.verdict
+    result = _found(100, 20, 0, 5e-5)
+    assert result.chance < 1e-4
+    assert not result.bends
+    assert "negligible" in result.verdict
 
 
 def test_too_few_dots_cannot_tell():

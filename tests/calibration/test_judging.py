@@ -21,9 +21,9 @@ def test_a_left_out_photograph_is_predicted_as_by_hand():
     rng = np.random.default_rng(0)
     made = simulate(6, 5, rng)
     whole = adjust(made.network(), made.views)
-    found = cross_validate(whole, np.arange(5))
+    result = cross_validate(whole, np.arange(5))
     others = adjust(made.network(), whole.views.take(np.arange(5) != 3))
-    for places, part in ((others.places, found.measured), (made.design, found.nominal)):
+    for places, part in ((others.places, result.measured), (made.design, result.nominal)):
         start = whole.views.rotation[3], whole.views.translation[3]
 
         def residual(step, places=places, start=start):
@@ -35,22 +35,22 @@ def test_a_left_out_photograph_is_predicted_as_by_hand():
         assert part.squares[3] == pytest.approx(2 * fit.cost, rel=1e-5)
         assert part.rms_each[3] == pytest.approx(np.sqrt(2 * fit.cost / 6), rel=1e-5)
         assert part.chi2[3] == pytest.approx(2 * fit.cost / 0.03**2, rel=1e-5)
-    assert (found.measured.degrees_of_freedom == 6).all()
-    assert found.refitted is None
+    assert (result.measured.degrees_of_freedom == 6).all()
+    assert result.refitted is None
 
 
 @pytest.mark.parametrize("unknown", [False, True])
 def test_a_bad_print_is_predicted_better_when_measured(unknown):
     made = simulate(12, 12, np.random.default_rng(1))
     whole = adjust(made.unknown_camera() if unknown else made.network(), made.views)
-    found = cross_validate(whole, np.arange(12))
-    assert found.better
-    assert found.gain.low < found.gain.ratio < found.gain.high
-    assert "times better" in found.verdict
-    assert 1 < found.measured.variance_factor < 2 < found.nominal.variance_factor
-    assert (found.refitted is not None) is unknown
+    result = cross_validate(whole, np.arange(12))
+    assert result.better
+    assert result.gain.low < result.gain.ratio < result.gain.high
+    assert "times better" in result.verdict
+    assert 1 < result.measured.variance_factor < 2 < result.nominal.variance_factor
+    assert (result.refitted is not None) is unknown
     if unknown:
-        assert found.measured.rms < found.best_nominal.rms <= found.nominal.rms
+        assert result.measured.rms < result.best_nominal.rms <= result.nominal.rms
 
 
 def test_an_exact_print_is_not_predicted_better_when_measured():
@@ -58,14 +58,14 @@ def test_an_exact_print_is_not_predicted_better_when_measured():
     rng, design = np.random.default_rng(2), layout(8)
     made = photographed(design, design, *hand_held(12, rng, design), rng)
     whole = adjust(made.network(), made.views)
-    found = cross_validate(whole, np.arange(12))
-    assert not found.better
-    assert "times better" not in found.verdict
-    level = replace(found, gain=replace(found.gain, low=0.91, high=3.2))
+    result = cross_validate(whole, np.arange(12))
+    assert not result.better
+    assert "times better" not in result.verdict
+    level = replace(result, gain=replace(result.gain, low=0.91, high=3.2))
     assert sentence("no better", "the design") in level.verdict
     assert "0.91 to 3.2, includes 1 (12 photographs)" in level.verdict
     again = cross_validate(whole, np.arange(12))
-    assert found.measured.squares.tobytes() == again.measured.squares.tobytes()
+    assert result.measured.squares.tobytes() == again.measured.squares.tobytes()
 
 
 def test_views_of_one_photograph_stay_together():
@@ -73,16 +73,16 @@ def test_views_of_one_photograph_stay_together():
     made = simulate(5, 12, np.random.default_rng(3))
     whole = adjust(made.network(), made.views)
     twice = np.repeat(np.arange(6), 2)
-    found = cross_validate(whole, twice)
-    assert found.photos.tolist() == list(range(6))
-    assert (found.measured.dots == 10).all()
-    assert (found.measured.degrees_of_freedom == 8).all()
+    result = cross_validate(whole, twice)
+    assert result.photos.tolist() == list(range(6))
+    assert (result.measured.dots == 10).all()
+    assert (result.measured.degrees_of_freedom == 8).all()
     apart = adjust(made.network(), whole.views.take(twice != 4))
     held = replace(
         apart.network, design=apart.places, free=False, freedom=CameraFreedom.held(made.camera), cameras=apart.cameras
     )
     fitted = adjust(held, whole.views.take(twice == 4))
-    assert found.measured.chi2[4] == pytest.approx(fitted.chi2, rel=1e-9)
+    assert result.measured.chi2[4] == pytest.approx(fitted.chi2, rel=1e-9)
 
 
 def test_dots_seen_once_are_not_counted():
@@ -94,8 +94,8 @@ def test_dots_seen_once_are_not_counted():
     assert kept.tolist() == [True] * 7 + [False]
     views = replace(made.views, seen=seen)
     whole = adjust(made.network(), replace(made.views, seen=np.where(np.arange(8) == 7, True, seen)))
-    found = cross_validate(replace(whole, views=views, weights=views.seen.astype(float)), np.arange(6))
-    assert found.measured.dots.tolist() == [6] * 6
+    result = cross_validate(replace(whole, views=views, weights=views.seen.astype(float)), np.arange(6))
+    assert result.measured.dots.tolist() == [6] * 6
 
 
 def test_too_few_photographs_are_told():
@@ -111,10 +111,10 @@ def test_too_few_photographs_are_told():
 def test_held_dots_are_not_compared_with_the_design():
     made = simulate(6, 6, np.random.default_rng(9))
     held = adjust(replace(made.unknown_camera(), free=False), made.views)
-    found = cross_validate(held, np.arange(6))
-    assert found.gain is None
-    assert not found.better
-    assert "predicted to" in found.verdict
+    result = cross_validate(held, np.arange(6))
+    assert result.gain is None
+    assert not result.better
+    assert "predicted to" in result.verdict
     halves = compare_halves(held, np.arange(6))
     assert halves.rms_um == 0
     assert "camera alone" in halves.verdict
@@ -122,7 +122,7 @@ def test_held_dots_are_not_compared_with_the_design():
 
 
 def _halves(sets, seed, freedom=None, sigma=None):
-    found = []
+    result = []
     for k in range(sets):
         rng = np.random.default_rng([seed, k])
         made = simulate(5, 16, rng)
@@ -141,8 +141,8 @@ def _halves(sets, seed, freedom=None, sigma=None):
             hand = made.true + rng.normal(0, sigma, made.true.shape) * [1, 1, 0]
             prior = np.broadcast_to(np.diag([sigma**-2, sigma**-2, 0.0]), (5, 3, 3))
             network = replace(network, design=hand, prior=prior)
-        found.append(compare_halves(adjust(network, made.views), np.arange(16)))
-    return found
+        result.append(compare_halves(adjust(network, made.views), np.arange(16)))
+    return result
 
 
 @pytest.mark.parametrize(
@@ -158,14 +158,14 @@ def test_two_halves_differ_by_their_claimed_errors(freedom, sigma, rank):
 
     The scale is that of the design, or of the dots measured by hand: both halves have the same.
     """
-    found = _halves(16, 6, freedom, sigma)
-    assert {each.degrees_of_freedom for each in found} == {rank}
-    assert np.mean([each.variance_factor for each in found]) == pytest.approx(1, abs=0.4)
-    assert np.mean([each.chance < 0.01 for each in found]) < 0.15
-    assert all(set(each.photos[0]).isdisjoint(each.photos[1]) for each in found)
-    assert all(len(each.photos[0]) == len(each.photos[1]) == 8 for each in found)
-    assert "agree" in found[0].verdict
-    assert np.mean([each.camera_chi2 for each in found]) == pytest.approx(1, abs=0.5) if freedom else True
+    results = _halves(16, 6, freedom, sigma)
+    assert {item.degrees_of_freedom for item in results} == {rank}
+    assert np.mean([item.variance_factor for item in results]) == pytest.approx(1, abs=0.4)
+    assert np.mean([item.chance < 0.01 for item in results]) < 0.15
+    assert all(set(item.photos[0]).isdisjoint(item.photos[1]) for item in results)
+    assert all(len(item.photos[0]) == len(item.photos[1]) == 8 for item in results)
+    assert "agree" in results[0].verdict
+    assert np.mean([item.camera_chi2 for item in results]) == pytest.approx(1, abs=0.5) if freedom else True
 
 
 def test_halves_that_disagree_are_told():
@@ -174,19 +174,19 @@ def test_halves_that_disagree_are_told():
     design = layout(6)
     rotation, translation = hand_held(8, rng, design)
     first = photographed(design, design, rotation, translation, rng)
-    found = None
+    result = None
     whole = adjust(first.network(), first.views)
-    found = compare_halves(whole, np.arange(8))
+    result = compare_halves(whole, np.arange(8))
     moved = photographed(design, design + rng.normal(0, 5e-4, design.shape), rotation, translation, rng)
-    second = np.isin(np.arange(8), found.photos[1])
+    second = np.isin(np.arange(8), result.photos[1])
     mixed = replace(first.views, pixels=np.where(second[:, None, None], moved.views.pixels, first.views.pixels))
     # Taken as they are claimed: the scale of the whole would hide it.
-    told = compare_halves(replace(whole, views=replace(whole.views, pixels=mixed.pixels)), np.arange(8))
-    assert told.chance < 1e-6
-    assert "disagree" in told.verdict
-    assert told.rms_um > 5 * found.rms_um
-    assert len(told.cameras) == 2
-    assert told.camera_chi2 is None
+    output = compare_halves(replace(whole, views=replace(whole.views, pixels=mixed.pixels)), np.arange(8))
+    assert output.chance < 1e-6
+    assert "disagree" in output.verdict
+    assert output.rms_um > 5 * result.rms_um
+    assert len(output.cameras) == 2
+    assert output.camera_chi2 is None
 
 
 def test_the_true_dots_are_brought_into_the_gauge():
@@ -198,8 +198,8 @@ def test_the_true_dots_are_brought_into_the_gauge():
     assert np.abs(gauge.T @ (places - made.design).ravel()).max() < 1e-12
     before = made.camera.project(made.true, made.rotation, made.translation)
     assert np.abs(made.camera.project(places, rotation, translation) - before).max() < 1e-9
-    found = adjust(network, made.views)
-    assert 0.2 < nees((found.places - places).ravel(), found.covariance, 14) < 3
+    adjustment = adjust(network, made.views)
+    assert 0.2 < nees((adjustment.places - places).ravel(), adjustment.covariance, 14) < 3
 
 
 def test_markers_of_one_photograph_are_judged_together():
@@ -223,9 +223,9 @@ def test_markers_of_one_photograph_are_judged_together():
         marker=np.repeat([0, 1], [7, 9]),
     )
     whole, photo = adjust(network, views), np.tile(np.arange(12), 2)
-    found = cross_validate(whole, photo)
-    assert found.better
-    assert found.measured.dots.tolist() == (seen[:12].sum(axis=1) + seen[12:].sum(axis=1)).tolist()
+    result = cross_validate(whole, photo)
+    assert result.better
+    assert result.measured.dots.tolist() == (seen[:12].sum(axis=1) + seen[12:].sum(axis=1)).tolist()
     assert compare_halves(whole, photo).degrees_of_freedom == 3 * 16 - 14
     assert not flexing(whole).bends
     assert findings(whole) == ()

@@ -39,11 +39,11 @@ def options(design, group, pixels, poses, rng, noise=0.05):
     all_options, right = [], []
     for seen, rotation, translation in zip(pixels, *poses, strict=True):
         order = rng.permutation(len(group))
-        own = []
-        for each in (group[k] for k in order):
+        ours = []
+        for item in (group[k] for k in order):
             spread = np.broadcast_to(noise**2 * np.eye(2), (len(design), 2, 2))
-            own.append(Labeled(each.image, seen, spread, each.pose(rotation, translation)))
-        all_options.append(own)
+            ours.append(Labeled(item.image, seen, spread, item.pose(rotation, translation)))
+        all_options.append(ours)
         right.append(int(np.flatnonzero(order == 0)[0]))
     return all_options, right
 
@@ -52,47 +52,51 @@ def options(design, group, pixels, poses, rng, noise=0.05):
 def test_a_grid_is_itself_when_turned(columns, rows, turns):
     design = grid(columns, rows)
     group = relabelings(design, np.zeros(len(design), dtype=bool))
-    whole = [each for each in group if (each.image >= 0).all()]
+    whole = [relabeling for relabeling in group if (relabeling.image >= 0).all()]
     assert len(whole) == turns
     np.testing.assert_array_equal(group[0].image, np.arange(len(design)))
-    for each in whole:
-        moved = design[:, :2] @ each.rotation.T + each.translation
-        np.testing.assert_allclose(moved, design[each.image, :2], rtol=0, atol=1e-12)
+    for relabeling in whole:
+        moved = design[:, :2] @ relabeling.rotation.T + relabeling.translation
+        np.testing.assert_allclose(moved, design[relabeling.image, :2], rtol=0, atol=1e-12)
     # A ring at one corner leaves no turn.
     rings = np.arange(len(design)) == 0
-    assert [len(each.image) for each in relabelings(design, rings) if (each.image >= 0).all()] == [len(design)]
+    assert [len(relabeling.image) for relabeling in relabelings(design, rings) if (relabeling.image >= 0).all()] == [
+        len(design)
+    ]
 
 
 def test_a_moved_layout_looks_the_same_from_its_pose():
     design = grid(6, 5)
     rotation, translation = hand_held(1, np.random.default_rng(0))
-    for each in relabelings(design, np.zeros(30, dtype=bool)):
-        kept = each.image >= 0
-        turned = (part[None] for part in each.pose(rotation[0], translation[0]))
-        ours, theirs = CAMERA.project(design, rotation, translation)[0], CAMERA.project(design, *turned)[0]
-        np.testing.assert_allclose(theirs[each.image[kept]], ours[kept], rtol=0, atol=1e-9)
+    for relabeling in relabelings(design, np.zeros(30, dtype=bool)):
+        kept = relabeling.image >= 0
+        rotated = (part[None] for part in relabeling.pose(rotation[0], translation[0]))
+        ours, theirs = CAMERA.project(design, rotation, translation)[0], CAMERA.project(design, *rotated)[0]
+        np.testing.assert_allclose(theirs[relabeling.image[kept]], ours[kept], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("columns", "rows", "camera"), [(6, 5, CAMERA), (6, 5, ROUGH), (5, 5, ROUGH)])
 def test_photographs_tell_the_labels_of_a_symmetric_grid(columns, rows, camera):
     rng = np.random.default_rng(columns)
     design = grid(columns, rows)
-    group = [each for each in relabelings(design, np.zeros(len(design), bool)) if (each.image >= 0).all()]
+    group = [
+        relabeling for relabeling in relabelings(design, np.zeros(len(design), bool)) if (relabeling.image >= 0).all()
+    ]
     pixels, poses = photographs(printed(design, rng), 5, rng)
     choices, right = options(design, group, pixels, poses, rng)
     settled = settle_labels(choices, design, np.zeros(len(design)), camera)
     assert settled.sure
     # Up to one turn of all photographs together.
     turns = set()
-    for guess, own, k in zip(settled.guesses, choices, right, strict=True):
-        turns.add(tuple(guess.index[np.argsort(own[k].index)]))
+    for guess, ours, k in zip(settled.guesses, choices, right, strict=True):
+        turns.add(tuple(guess.index[np.argsort(ours[k].index)]))
     assert len(turns) == 1
 
 
 def test_an_exact_print_leaves_the_labels_in_doubt():
     rng = np.random.default_rng(1)
     design = grid(6, 5)
-    group = [each for each in relabelings(design, np.zeros(30, bool)) if (each.image >= 0).all()]
+    group = [relabeling for relabeling in relabelings(design, np.zeros(30, bool)) if (relabeling.image >= 0).all()]
     choices, _ = options(design, group, *photographs(design, 4, rng), rng)
     assert not settle_labels(choices, design, np.zeros(30), CAMERA).sure
 
@@ -103,18 +107,18 @@ def test_the_turn_of_all_together_is_told_by_a_dot_of_another_size_or_not_at_all
     design, radii = grid(6, 5), np.full(30, 0.006)
     if larger:
         radii[3] *= 1.2
-    group = [each for each in relabelings(design, np.zeros(30, bool)) if (each.image >= 0).all()]
+    group = [relabeling for relabeling in relabelings(design, np.zeros(30, bool)) if (relabeling.image >= 0).all()]
     pixels, poses = photographs(printed(design, rng), 4, rng)
     choices, right = options(design, group, pixels, poses, rng)
     # All photographs wrong by the same half turn.
-    wrong = [own[1 - k] for own, k in zip(choices, right, strict=True)]
+    wrong = [ours[1 - k] for ours, k in zip(choices, right, strict=True)]
     area = 2 * np.log(radii) + rng.normal(0, 0.03, 30)
-    wrong = [replace(each, area=area) for each in wrong]
-    settled = settle_labels([[each] for each in wrong], design, radii, CAMERA)
-    turned, told = aligned_to_design(settled, group, design, radii, CAMERA)
-    assert told == larger
+    wrong = [replace(relabeling, area=area) for relabeling in wrong]
+    settled = settle_labels([[relabeling] for relabeling in wrong], design, radii, CAMERA)
+    rotated, output = aligned_to_design(settled, group, design, radii, CAMERA)
+    assert output == larger
     if larger:
-        for guess in turned.guesses:
+        for guess in rotated.guesses:
             np.testing.assert_array_equal(guess.index, np.arange(30))
 
 

@@ -20,8 +20,8 @@ def pose(stop):
     """A view of the print at a time in stops, between two of which it moves."""
     lean = np.deg2rad(20 + 25 * abs(np.sin(stop))) * np.array([np.cos(2.4 * stop), np.sin(2.4 * stop), 0])
     rotation = Rotation.from_rotvec(lean) * Rotation.from_euler("x", 180, degrees=True)
-    turned = (rotation * Rotation.from_euler("z", 90 * round(stop), degrees=True)).as_matrix()
-    return turned, np.array([0.05 * np.cos(1.3 * stop), 0.04 * np.sin(1.3 * stop), 0.5 + 0.1 * np.sin(stop)])
+    rotated = (rotation * Rotation.from_euler("z", 90 * round(stop), degrees=True)).as_matrix()
+    return rotated, np.array([0.05 * np.cos(1.3 * stop), 0.04 * np.sin(1.3 * stop), 0.5 + 0.1 * np.sin(stop)])
 
 
 def without_similarity(offsets, marker):

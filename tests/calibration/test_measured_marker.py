@@ -28,9 +28,9 @@ PAPER = ErrorSources()
 def measured():
     """A marker of six dots as measured by eight photographs, and its true places in the same frame."""
     made = scene(6, 8, np.random.default_rng(7), sigma=0.1)
-    found = adjust(made.network, made.views)
+    adjustment = adjust(made.network, made.views)
     designed = build_marker(made.network.design[:, :2], Circle(0.14), 0.03, 0.002)
-    return photographed(designed, range(6), found.places, found.unscaled, {"photographs": 8})
+    return photographed(designed, range(6), adjustment.places, adjustment.unscaled, {"photographs": 8})
 
 
 def test_a_measured_marker_keeps_its_design_and_survives_a_file(measured):
@@ -66,7 +66,7 @@ def test_sampled_prints_have_the_joint_covariance(measured):
 
 def test_the_pose_covariance_is_true(measured):
     """NEES of 100 poses of prints drawn from the joint covariance: 6 degrees each, so 1 +- 0.058 at one sigma."""
-    rng, sigma, found = np.random.default_rng(1), 0.05, []
+    rng, sigma, result = np.random.default_rng(1), 0.05, []
     count = 100
     prints = measured.xyz + displacement(measured, PAPER, rng, prints=(count,))
     rotation, translation = hand_held(count, rng, (20, 60))
@@ -76,8 +76,8 @@ def test_the_pose_covariance_is_true(measured):
         pixels += rng.normal(0, sigma, pixels.shape)
         pose = estimate_pose(measured.xyz, pixels, spread, CAMERA, PAPER.of(measured))
         error = np.concatenate([logarithm(rotation[k] @ pose.rotation.T), translation[k] - pose.translation])
-        found.append(nees(error, pose.budget.total / pose.scale))
-    assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / (6 * count)) + 0.02)
+        result.append(nees(error, pose.budget.total / pose.scale))
+    assert np.mean(result) == pytest.approx(1, abs=4 * np.sqrt(2 / (6 * count)) + 0.02)
 
 
 def test_the_budget_is_that_of_the_pose(measured):
@@ -109,23 +109,23 @@ def test_an_unknown_scale_makes_distances_unsure_and_changes_no_pose(measured):
     rng, unsure = np.random.default_rng(4), grown(measured, 0.01)
     rotation, translation = hand_held(1, rng, (30, 31))
     pixels = CAMERA.project(measured.xyz, rotation, translation)[0] + rng.normal(0, 0.1, (6, 2))
-    given = measured.xyz, pixels, np.broadcast_to(0.01 * np.eye(2), (6, 2, 2)), CAMERA
-    sure, found = (estimate_pose(*given, PAPER.of(each)) for each in (measured, unsure))
-    apart = [logarithm(found.rotation @ sure.rotation.T), found.translation - sure.translation]
+    stated = measured.xyz, pixels, np.broadcast_to(0.01 * np.eye(2), (6, 2, 2)), CAMERA
+    sure, result = (estimate_pose(*stated, PAPER.of(item)) for item in (measured, unsure))
+    apart = [logarithm(result.rotation @ sure.rotation.T), result.translation - sure.translation]
     sigma = np.sqrt(np.diag(sure.budget.total))
     assert (np.abs(np.concatenate(apart)) < 0.1 * sigma).all()
-    turn, away = (np.sqrt(np.trace(found.budget.print[part, part])) for part in (slice(3), slice(3, 6)))
-    assert away == pytest.approx(0.01 * np.linalg.norm(found.translation), rel=0.05)
-    assert turn < 1.1 * np.sqrt(np.trace(sure.budget.print[:3, :3]))
+    angle, away = (np.sqrt(np.trace(result.budget.print[part, part])) for part in (slice(3), slice(3, 6)))
+    assert away == pytest.approx(0.01 * np.linalg.norm(result.translation), rel=0.05)
+    assert angle < 1.1 * np.sqrt(np.trace(sure.budget.print[:3, :3]))
 
 
 def test_the_scale_is_no_error_of_single_dots_but_one_of_all(measured):
-    sure, unsure = (PAPER.of(each) for each in (measured, grown(measured, 0.01)))
+    sure, unsure = (PAPER.of(item) for item in (measured, grown(measured, 0.01)))
     away = (measured.xyz - measured.xyz.mean(axis=0)).ravel()
     added = unsure.whole(6, 3) - sure.whole(6, 3)
     np.testing.assert_allclose(added, 1e-4 * np.outer(away, away), atol=1e-12)
-    own, all_of_it = unsure.place_blocks(measured.xyz, 3), 1e-4 * np.mean(away**2)
-    assert np.abs(own - sure.place_blocks(measured.xyz, 3)).max() < 0.01 * all_of_it
+    ours, all_of_it = unsure.place_blocks(measured.xyz, 3), 1e-4 * np.mean(away**2)
+    assert np.abs(ours - sure.place_blocks(measured.xyz, 3)).max() < 0.01 * all_of_it
 
 
 def test_a_bent_print_is_found_as_the_flat_marker_that_it_is(measured):
@@ -134,14 +134,14 @@ def test_a_bent_print_is_found_as_the_flat_marker_that_it_is(measured):
     rotation, translation = hand_held(1, np.random.default_rng(12), (35, 36))
     frame = render_view(bent, CAMERA, rotation[0], translation[0] * [0.2, 0.2, 1], Optics(), np.random.default_rng(0))
     for camera in (CAMERA, None):
-        (found,) = Detector(bent, camera)(frame)
-        assert found.ok
-        assert len(found.ids) == 6
-        assert found.homography is not None
+        (finding,) = Detector(bent, camera)(frame)
+        assert finding.ok
+        assert len(finding.ids) == 6
+        assert finding.homography is not None
     errors = []
     for marker in (bent, bent.as_designed):
-        (found,) = Detector(marker, CAMERA)(frame)
-        errors.append(np.linalg.norm(logarithm(found.rotation @ rotation[0].T)))
+        (finding,) = Detector(marker, CAMERA)(frame)
+        errors.append(np.linalg.norm(logarithm(finding.rotation @ rotation[0].T)))
     assert errors[0] < 0.2 * errors[1]
 
 
@@ -163,10 +163,10 @@ def test_a_camera_of_its_own_keeps_the_image_part(measured):
 
 
 def test_a_validation_says_that_the_print_was_measured(measured):
-    found = validate(measured, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
-    assert found.budget["print_measured"]
-    assert "was measured" in str(found)
-    assert "as long as markergen calibrate asks for more" in str(found)
-    assert "0.1 mm" not in str(found)
+    validation = validate(measured, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
+    assert validation.budget["print_measured"]
+    assert "was measured" in str(validation)
+    assert "as long as markergen calibrate asks for more" in str(validation)
+    assert "0.1 mm" not in str(validation)
     designed = validate(measured.as_designed, CAMERA, poses="cone:count=20", runs=0, views=0, workers=1)
     assert "good to 0.1 mm" in str(designed)

@@ -41,23 +41,23 @@ def _taken(made, rotation, translation, rng):
     return photographed(made.design, made.true, rotation[None], translation[None], rng).views
 
 
-def _expected(found, poses):
-    n = len(found.places)
-    joint = found.joint / found.scale
+def _expected(result, poses):
+    n = len(result.places)
+    joint = result.joint / result.scale
     blocks = np.stack([joint[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
-    return sensitivity(found.places, found.camera, *poses, NOISE, blocks).expected(joint)
+    return sensitivity(result.places, result.camera, *poses, NOISE, blocks).expected(joint)
 
 
-@pytest.mark.parametrize(("n", "photos", "known"), [(5, 3, True), (5, 10, False), (24, 8, True), (24, 8, False)])
-def test_photographs_lower_the_error_as_claimed(n, photos, known):
+@pytest.mark.parametrize(("n", "photos", "reference"), [(5, 3, True), (5, 10, False), (24, 8, True), (24, 8, False)])
+def test_photographs_lower_the_error_as_claimed(n, photos, reference):
     """Each is simulated from the print as it is, and the whole adjusted again; claims are of the first order."""
     made, rng = _set(n, photos, 3), np.random.default_rng(0)
-    network = made.network() if known else made.unknown_camera()
+    network = made.network() if reference else made.unknown_camera()
     first, poses = adjust(network, made.views), _working(n)
-    found = next_photos(first, poses, count=3)
-    assert found.photos
+    result = next_photos(first, poses, count=3)
+    assert result.photos
     views, factor = made.views, np.sqrt(first.scale)
-    for photo in found.photos:
+    for photo in result.photos:
         views = _with(views, _taken(made, photo.candidate.rotation[0], photo.candidate.translation[0], rng))
         real = _expected(adjust(network, views), poses)
         assert photo.after.rotation_deg / factor == pytest.approx(real.rotation_deg, rel=0.02)
@@ -83,26 +83,26 @@ def test_frontal_photographs_with_an_unknown_camera_ask_for_a_tilt(n):
     depth = rng.uniform(0.4, 1, 10)
     poses = FRONT @ rotation_z(rng.uniform(0, 2 * np.pi, 10)), depth[:, None] * [0.0, 0.0, 1.0]
     made = photographed(design, printed(design, rng), *poses, rng)
-    found = next_photos(adjust(made.unknown_camera(), made.views), _working(n))
-    assert found.photos[0].candidate.tilt_deg[0] >= 40
-    assert found.photos[-1].after.rotation_deg < 0.15
-    assert found.sentence.startswith("Next photograph: tilt")
-    assert "1 deg or more" in found.sentence
+    result = next_photos(adjust(made.unknown_camera(), made.views), _working(n))
+    assert result.photos[0].candidate.tilt_deg[0] >= 40
+    assert result.photos[-1].after.rotation_deg < 0.15
+    assert result.sentence.startswith("Next photograph: tilt")
+    assert "1 deg or more" in result.sentence
 
 
 def test_a_single_photograph_is_enough_to_ask():
     made = _set(5, 1, 1)
-    found = next_photos(adjust(made.network(), made.views), _working(5))
-    assert found.helps
-    assert np.isfinite([photo.after.rotation_deg for photo in found.photos]).all()
+    result = next_photos(adjust(made.network(), made.views), _working(5))
+    assert result.helps
+    assert np.isfinite([photo.after.rotation_deg for photo in result.photos]).all()
 
 
 def test_after_many_photographs_more_hardly_help():
     made = _set(5, 60, 1)
-    found = next_photos(adjust(made.network(), made.views), _working(5))
-    assert len(found.photos) == 1
-    assert not found.helps
-    assert found.sentence.startswith("More photographs hardly")
+    result = next_photos(adjust(made.network(), made.views), _working(5))
+    assert len(result.photos) == 1
+    assert not result.helps
+    assert result.sentence.startswith("More photographs hardly")
 
 
 def test_a_camera_alone_is_asked_for_as_well():
@@ -115,8 +115,8 @@ def test_a_camera_alone_is_asked_for_as_well():
     real = sensitivity(design, CAMERA, *poses, NOISE, np.zeros((24, 3, 3)))
     joint = np.pad((again := adjust(held, views)).joint / again.scale, ((72, 0), (72, 0)))
     assert photo.before.print == (0, 0)
-    told = photo.after.rotation_deg / np.sqrt(first.scale)
-    assert told == pytest.approx(real.expected(joint).rotation_deg, rel=0.02)
+    output = photo.after.rotation_deg / np.sqrt(first.scale)
+    assert output == pytest.approx(real.expected(joint).rotation_deg, rel=0.02)
 
 
 def test_of_several_markers_the_first_is_shown():
@@ -127,7 +127,7 @@ def test_of_several_markers_the_first_is_shown():
     pixels[:6, :5], pixels[6:, 5:] = made.views.pixels, second.views.pixels
     seen[:6, :5] = seen[6:, 5:] = True
     poses = (
-        np.concatenate([getattr(each.views, name) for each in (made, second)]) for name in ("rotation", "translation")
+        np.concatenate([getattr(item.views, name) for item in (made, second)]) for name in ("rotation", "translation")
     )
     views = Views(pixels, np.broadcast_to(NOISE**2 * np.eye(2), (v, n, 2, 2)), seen, *poses)
     one = made.network()
@@ -137,29 +137,29 @@ def test_of_several_markers_the_first_is_shown():
     together = adjust(both, views)
     alone = adjust(one, made.views)
     names = [f"dot {k}" for k in "abcdefghijk"]
-    found, expected = next_photos(together, _working(5), names), next_photos(alone, _working(5))
-    assert found.names == ("dot a", "dot b", "dot c", "dot d", "dot e")
-    assert np.allclose(found.photos[0].candidate.rotation, expected.photos[0].candidate.rotation)
+    result, expected = next_photos(together, _working(5), names), next_photos(alone, _working(5))
+    assert result.names == ("dot a", "dot b", "dot c", "dot d", "dot e")
+    assert np.allclose(result.photos[0].candidate.rotation, expected.photos[0].candidate.rotation)
     ratio = np.sqrt(together.scale / alone.scale)
-    assert found.photos[0].after.rotation_deg == pytest.approx(ratio * expected.photos[0].after.rotation_deg, rel=1e-3)
+    assert result.photos[0].after.rotation_deg == pytest.approx(ratio * expected.photos[0].after.rotation_deg, rel=1e-3)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.01])
 def test_candidates_are_in_view_and_as_large_as_told(radius):
     points, radii = layout(8), np.full(8, radius)
-    found = candidate_photos(points, radii, CAMERA)
-    images = outlines(points, radii, found.rotation, found.translation)
+    result = candidate_photos(points, radii, CAMERA)
+    images = outlines(points, radii, result.rotation, result.translation)
     assert images.seen.all()
     angle = np.linspace(0, 2 * np.pi, 12)
     ring = radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    pixels = CAMERA.project((points[:, None] + ring).reshape(-1, 3), found.rotation, found.translation)
+    pixels = CAMERA.project((points[:, None] + ring).reshape(-1, 3), result.rotation, result.translation)
     assert CAMERA.sees(pixels).all()
     size = np.array([CAMERA.width, CAMERA.height])
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     share = ((high - low) / size / (1 - 2 * MARGIN)).max(axis=1)
-    assert share == pytest.approx(found.fill, rel=0.03)
+    assert share == pytest.approx(result.fill, rel=0.03)
     for axis, length in enumerate(size):
-        side = found.place[:, axis]
+        side = result.place[:, axis]
         at = np.select([side < 0, side > 0], [low[:, axis], high[:, axis]], (low + high)[:, axis] / 2)
         goal = np.select([side < 0, side > 0], [MARGIN * length, (1 - MARGIN) * length], length / 2)
         assert abs(at - goal).max() < 0.015 * length
@@ -179,31 +179,31 @@ def test_candidates_are_in_view_and_as_large_as_told(radius):
 def test_other_cameras_see_their_candidates(camera):
     """A fish-eye, a lens whose model folds over inside the image, and a long lens."""
     points = layout(5)
-    found = candidate_photos(points, np.zeros(5), camera)
-    assert len(found) > 100
-    pixels = camera.project(points, found.rotation, found.translation)
+    results = candidate_photos(points, np.zeros(5), camera)
+    assert len(results) > 100
+    pixels = camera.project(points, results.rotation, results.translation)
     assert camera.sees(pixels).all()
-    assert (abs(np.linalg.det(found.rotation) - 1) < 1e-9).all()
+    assert (abs(np.linalg.det(results.rotation) - 1) < 1e-9).all()
 
 
 def test_dots_too_small_are_not_asked_for():
-    found = candidate_photos(layout(8), np.full(8, 2.5e-3), CAMERA)
-    assert 0 < len(found) < 300
-    assert found.fill.min() > 0.6
+    results = candidate_photos(layout(8), np.full(8, 2.5e-3), CAMERA)
+    assert 0 < len(results) < 300
+    assert results.fill.min() > 0.6
     assert not len(candidate_photos(layout(8), np.full(8, 1e-3), CAMERA))
 
 
 def test_the_request_is_in_the_photographers_words():
     made = _set(5, 3, 3)
-    found = next_photos(adjust(made.network(), made.views), _working(5))
-    assert found.photos[0].request == sentence("hold turned", "90 deg to the right", 0)
-    second = found.photos[1]
+    result = next_photos(adjust(made.network(), made.views), _working(5))
+    assert result.photos[0].request == sentence("hold turned", "90 deg to the right", 0)
+    second = result.photos[1]
     assert second.request.startswith(f"tilt the marker {second.candidate.tilt_deg[0]:.0f} deg, its ")
     assert "away from" in second.request
-    place = found.points @ second.candidate.rotation[0].T + second.candidate.translation[0]
+    place = result.points @ second.candidate.rotation[0].T + second.candidate.translation[0]
     top = int(np.argmin(CAMERA.to_pixels(place[:, :2] / place[:, 2:])[:, 1]))
     assert f"(dot {top} at the top" in second.request
-    ax = found.draw(which=1)
+    ax = result.draw(which=1)
     assert [text.get_text() for text in ax.texts][:5] == list("01234")
     # Numbers stand beside the dots, where they can be read.
     for text, dot in zip(ax.texts[:5], ax.patches[:5], strict=True):
@@ -225,7 +225,7 @@ def test_chosen_photographs_are_better_than_random_ones(photos, more):
         for _ in range(more):
             asked = next_photos(adjust(network, views), poses, count=1).photos[0]
             views = _with(views, _taken(made, *_held_by_hand(asked, made.true, rng), rng))
-        errors.append([_true_error(adjust(network, each), made, poses) for each in (random, views)])
+        errors.append([_true_error(adjust(network, item), made, poses) for item in (random, views)])
     squares = np.square(errors)
     again = np.random.default_rng(0).integers(0, sets, (2000, sets))
     ratio = np.sqrt(squares[again, 1].mean(axis=1) / squares[again, 0].mean(axis=1))
@@ -244,12 +244,12 @@ def _held_by_hand(photo, places, rng):
     return rotation, translation
 
 
-def _true_error(found, made, poses):
+def _true_error(result, made, poses):
     """RMS rotation error in deg of poses by the dots as found, from their true errors and the image's noise."""
-    places = in_gauge(found.network, made.true, made.rotation[:1], made.translation[:1])[0]
-    off, size = (found.places - places).ravel(), 3 * len(places)
-    blocks = np.stack([found.covariance[i : i + 3, i : i + 3] for i in range(0, size, 3)])
-    told = sensitivity(found.places, found.camera, *poses, NOISE, blocks)
-    squares = np.zeros((told.transfer.shape[-1],) * 2)
+    places = in_gauge(result.network, made.true, made.rotation[:1], made.translation[:1])[0]
+    off, size = (result.places - places).ravel(), 3 * len(places)
+    blocks = np.stack([result.covariance[i : i + 3, i : i + 3] for i in range(0, size, 3)])
+    output = sensitivity(result.places, result.camera, *poses, NOISE, blocks)
+    squares = np.zeros((output.transfer.shape[-1],) * 2)
     squares[:size, :size] = np.outer(off, off)
-    return told.expected(squares).rotation_deg
+    return output.expected(squares).rotation_deg

@@ -65,13 +65,13 @@ def rendered(marker, count, rng):
     return [render_view(marker, CAMERA, *pose, Optics(), rng) for pose in poses], rotation, translation
 
 
-def check(found, marker, rotation, translation, turn=None):
+def check(result, marker, rotation, translation, relabeled=None):
     """Every dot seen is where the marker's own dot of this label, or `turn` of it, is."""
     truth = CAMERA.project(marker.xyz, rotation, translation)
-    views = found.views
-    np.testing.assert_array_equal(found.photo, np.arange(len(rotation)))
+    views = result.views
+    np.testing.assert_array_equal(result.photo, np.arange(len(rotation)))
     assert views.seen.mean() > 0.95
-    place = np.arange(len(marker)) if turn is None else turn
+    place = np.arange(len(marker)) if relabeled is None else relabeled
     off = np.linalg.norm(views.pixels - truth[:, place], axis=-1)
     assert off[views.seen].max() < 0.6  # centers of ellipses are not images of centers
 
@@ -81,29 +81,29 @@ def test_dots_of_rendered_photographs_are_found_and_labeled(n):
     rng = np.random.default_rng(n)
     marker = dots_marker(n)
     frames, rotation, translation = rendered(misprinted(marker, rng), 4, rng)
-    found, camera = find_dots([marker], frames, CAMERA)
+    result, camera = find_dots([marker], frames, CAMERA)
     assert camera is CAMERA
-    assert not found.unused
-    assert not found.doubts
-    assert found.size == (640, 480)
-    check(found, marker, rotation, translation)
-    np.testing.assert_allclose(found.views.translation, translation, rtol=0.01, atol=1e-3)
-    np.testing.assert_allclose(found.views.rotation, rotation, rtol=0, atol=0.05)
+    assert not result.unused
+    assert not result.doubts
+    assert result.size == (640, 480)
+    check(result, marker, rotation, translation)
+    np.testing.assert_allclose(result.views.translation, translation, rtol=0.01, atol=1e-3)
+    np.testing.assert_allclose(result.views.rotation, rotation, rtol=0, atol=0.05)
 
 
-@pytest.mark.parametrize("known", [False, True])
-def test_a_symmetric_grid_is_labeled_by_all_photographs_together(known):
+@pytest.mark.parametrize("reference", [False, True])
+def test_a_symmetric_grid_is_labeled_by_all_photographs_together(reference):
     rng = np.random.default_rng(7)
     marker = grid_marker()
     frames, rotation, translation = rendered(misprinted(marker, rng), 4, rng)
-    found, camera = find_dots([marker], frames, CAMERA if known else None)
-    assert not found.unused
-    (doubt,) = found.doubts
+    result, camera = find_dots([marker], frames, CAMERA if reference else None)
+    assert not result.unused
+    (doubt,) = result.doubts
     assert "turned together" in doubt
-    off = np.linalg.norm(found.views.pixels[0, 0] - CAMERA.project(marker.xyz, rotation, translation)[0], axis=1)
-    turn = np.arange(30) if off.argmin() == 0 else np.arange(30)[::-1]
-    check(found, marker, rotation, translation, turn)
-    if not known:
+    off = np.linalg.norm(result.views.pixels[0, 0] - CAMERA.project(marker.xyz, rotation, translation)[0], axis=1)
+    relabeled = np.arange(30) if off.argmin() == 0 else np.arange(30)[::-1]
+    check(result, marker, rotation, translation, relabeled)
+    if not reference:
         assert abs(camera.fx / 700 - 1) < 0.05
         assert abs(camera.distortion.coefficients[0] + 0.2) < 0.05
 
@@ -114,11 +114,11 @@ def test_photographs_that_cannot_be_used_say_why():
     frames, *_ = rendered(marker, 2, rng)
     aside = [np.array([x, 0.0, 1.0]) for x in (-0.17, 0.17)]
     level = np.diag([1.0, -1.0, -1.0])
-    twice = np.minimum(*(render_view(marker, CAMERA, level, each, Optics(), rng) for each in aside))
-    found, _ = find_dots([marker], [frames[0], np.full((480, 640), 200, np.uint8), twice, frames[1]], CAMERA)
-    assert found.photo.tolist() == [0, 3]
-    assert "found 0 dots" in found.unused[1]
-    assert "2 copies" in found.unused[2]
+    twice = np.minimum(*(render_view(marker, CAMERA, level, item, Optics(), rng) for item in aside))
+    result, _ = find_dots([marker], [frames[0], np.full((480, 640), 200, np.uint8), twice, frames[1]], CAMERA)
+    assert result.photo.tolist() == [0, 3]
+    assert "found 0 dots" in result.unused[1]
+    assert "2 copies" in result.unused[2]
 
 
 @pytest.fixture(scope="module")
@@ -129,28 +129,28 @@ def shots():
 
 
 @pytest.mark.parametrize(
-    ("known", "odd"),
+    ("reference", "odd"),
     # To find a camera takes long.
     [(True, 0), (True, 2), (True, 4), (False, 0), *(pytest.param(False, k, marks=pytest.mark.long) for k in (2, 4))],
 )
-def test_a_photograph_of_another_size_is_left_out_wherever_it_stands(shots, tmp_path, odd, known):
+def test_a_photograph_of_another_size_is_left_out_wherever_it_stands(shots, tmp_path, odd, reference):
     marker, frames = shots
     for k, frame in enumerate(np.insert(np.array(frames), odd, 0, axis=0)):
         cv2.imwrite(str(tmp_path / f"{k}.png"), frame[:240, :320] if k == odd else frame)
-    found, _ = find_dots([marker], tmp_path, CAMERA if known else None)
-    assert found.photo.tolist() == [k for k in range(5) if k != odd]
-    assert found.size == (640, 480)
-    assert found.unused == {odd: f"320x240 px, {'the camera has' if known else 'the others have'} 640x480 px"}
-    assert len(found.photos) == 5
+    result, _ = find_dots([marker], tmp_path, CAMERA if reference else None)
+    assert result.photo.tolist() == [k for k in range(5) if k != odd]
+    assert result.size == (640, 480)
+    assert result.unused == {odd: f"320x240 px, {'the camera has' if reference else 'the others have'} 640x480 px"}
+    assert len(result.photos) == 5
 
 
 def test_photographs_without_a_usual_size_are_refused_with_counts(shots, tmp_path):
     marker, frames = shots
     mixed = [*frames[:3], *(frame[:400] for frame in frames[:2])]
-    said = (
+    message = (
         r"one size, found 3 of 640x480 px \(photo 0\.\.\.\), 2 of 640x400 px \(photo 3\.\.\.\); give all as the camera"
     )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         find_dots([marker], mixed, None)
     assert find_dots([marker], mixed, CAMERA)[0].photo.tolist() == [0, 1, 2]
     with pytest.raises(InputError, match=r"640x480 px, found 1 of 640x400 px \(photo 0\)"):
@@ -165,10 +165,10 @@ def test_files_that_cannot_be_read_are_told_apart(shots, tmp_path):
     cv2.imwrite(str(tmp_path / "1.png"), frames[0])
     (tmp_path / "2.HEIC").write_bytes(b"")
     (tmp_path / "3.jpg").write_bytes(turned(frames[1], tmp_path))
-    found, _ = find_dots([marker], tmp_path, CAMERA)
-    assert found.photo.tolist() == [1, 2]
-    assert "another format" in found.unused[0]
-    unread, oriented = found.notes
+    result, _ = find_dots([marker], tmp_path, CAMERA)
+    assert result.photo.tolist() == [1, 2]
+    assert "another format" in result.unused[0]
+    unread, oriented = result.notes
     assert unread == f"{tmp_path}: {sentence('HEIC file')}"
     assert oriented == ORIENTATION_NOTE
 
@@ -184,39 +184,39 @@ def turned(frame, folder):
 REAL = pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
 
 
-def _real(kind, known):
+def _real(kind, reference):
     folder = PHOTOS / kind
     marker = Marker.load(folder / "marker.json")
-    found, camera = find_dots([marker], str(folder), Camera.load(folder / "camera.yaml") if known else None)
-    labels = {each["image"]: each for each in json.loads((folder / "labels.json").read_text())}
-    assert sorted(Path(found.photos[photo]).name for photo in found.photo) == sorted(labels)
-    return marker, found, camera, [labels[Path(found.photos[photo]).name] for photo in found.photo]
+    result, camera = find_dots([marker], str(folder), Camera.load(folder / "camera.yaml") if reference else None)
+    labels = {item["image"]: item for item in json.loads((folder / "labels.json").read_text())}
+    assert sorted(Path(result.photos[photo]).name for photo in result.photo) == sorted(labels)
+    return marker, result, camera, [labels[Path(result.photos[photo]).name] for photo in result.photo]
 
 
-def _adjusted_rms(marker, found, camera, names):
+def _adjusted_rms(marker, result, camera, names):
     """RMS in px along an axis of the residuals of dots that are free."""
     radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
     freedom = CameraFreedom.of_names(camera, names)
     network = Network(marker.xyz, radii, (camera,), freedom, np.zeros(len(marker), dtype=np.intp))
-    adjusted = adjust_robustly(network, found.views).adjustment
+    adjusted = adjust_robustly(network, result.views).adjustment
     return adjusted.rms / np.sqrt(2), adjusted.camera
 
 
 @REAL
 def test_real_photographs_of_a_symmetric_grid_agree_on_one_print():
-    marker, found, camera, labels = _real("circle_grid", True)
-    for pixels, each in zip(found.views.pixels, labels, strict=True):
-        given = np.array(each["centres_px_row_major"])
-        assert min(np.linalg.norm(pixels - given[::turn], axis=1).max() for turn in (1, -1)) < 0.5
-    assert _adjusted_rms(marker, found, camera, ())[0] < 0.06
+    marker, result, camera, labels = _real("circle_grid", True)
+    for pixels, label in zip(result.views.pixels, labels, strict=True):
+        stated = np.array(label["centres_px_row_major"])
+        assert min(np.linalg.norm(pixels - stated[::rotation], axis=1).max() for rotation in (1, -1)) < 0.5
+    assert _adjusted_rms(marker, result, camera, ())[0] < 0.06
 
 
 @pytest.mark.long
 @REAL
 def test_real_photographs_of_a_strong_lens_need_no_camera():
-    marker, found, camera, _ = _real("hex_grid", False)
-    assert found.views.seen.all()
-    rms, camera = _adjusted_rms(marker, found, camera, ("fx", "cx", "cy", "k1", "k2"))
+    marker, result, camera, _ = _real("hex_grid", False)
+    assert result.views.seen.all()
+    rms, camera = _adjusted_rms(marker, result, camera, ("fx", "cx", "cy", "k1", "k2"))
     assert rms < 0.03
     assert abs(camera.fx - 700) < 15
     assert abs(camera.distortion.coefficients[0] + 0.26) < 0.03
@@ -224,15 +224,15 @@ def test_real_photographs_of_a_strong_lens_need_no_camera():
 
 @pytest.mark.long
 @REAL
-@pytest.mark.parametrize("known", [False, True])
-def test_real_photographs_of_a_square_grid_are_labeled_by_its_larger_dot(known):
-    _, found, _, labels = _real("robot_grid", known)
-    assert not found.doubts
+@pytest.mark.parametrize("reference", [False, True])
+def test_real_photographs_of_a_square_grid_are_labeled_by_its_larger_dot(reference):
+    _, result, _, labels = _real("robot_grid", reference)
+    assert not result.doubts
     # The labels run from the larger dot along x, then y; the marker's from the top row down.
     place = np.arange(100).reshape(10, 10)[::-1].ravel()
-    for pixels, seen, each in zip(found.views.pixels, found.views.seen, labels, strict=True):
+    for pixels, seen, label in zip(result.views.pixels, result.views.seen, labels, strict=True):
         assert seen.all()
-        assert np.linalg.norm(pixels - np.array(each["centres_px_row_major"])[place], axis=1).max() < 0.5
+        assert np.linalg.norm(pixels - np.array(label["centres_px_row_major"])[place], axis=1).max() < 0.5
 
 
 @pytest.mark.parametrize(
@@ -255,9 +255,9 @@ def test_a_start_has_the_lens_that_fits(lens, focal):
         if drawn.seen.all() and camera.sees(centers).all():
             spread = np.broadcast_to(1e-4 * np.eye(2), (len(marker), 2, 2))
             seen.append(Labeled(np.arange(len(marker)), centers, spread, photo=len(seen)))
-    found = _started([marker], seen, (camera.width, camera.height))
-    assert found.distortion.model == lens[0]
-    assert found.fx == pytest.approx(focal, rel=0.02)
+    result = _started([marker], seen, (camera.width, camera.height))
+    assert result.distortion.model == lens[0]
+    assert result.fx == pytest.approx(focal, rel=0.02)
 
 
 @pytest.mark.long
@@ -269,12 +269,12 @@ def test_a_dropped_photograph_is_found_through_another_lens_than_the_cameras():
     for seed in (0, 2, 8):
         rng, seen = np.random.default_rng(seed), False
         while not seen:
-            turned = exponential(rng.uniform(-0.5, 0.5, 3) * [1, 1, 3]) @ np.diag([1.0, -1.0, -1.0])
+            rotated = exponential(rng.uniform(-0.5, 0.5, 3) * [1, 1, 3]) @ np.diag([1.0, -1.0, -1.0])
             place = np.array([*rng.uniform(-0.06, 0.06, 2), 1]) * rng.uniform(0.17, 0.3)
-            pixels = true.project(marker.xyz, turned[None], place[None])[0]
+            pixels = true.project(marker.xyz, rotated[None], place[None])[0]
             seen = np.isfinite(pixels).all() and (pixels > 12).all() and (pixels < [628, 468]).all()
-        photos.append(render_view(marker, true, turned, place, Optics(), rng))
-    found, _ = find_dots([marker], photos, pinhole)
-    assert found.unused
-    assert all("its lens is not the camera's" in reason for reason in found.unused.values())
+        photos.append(render_view(marker, true, rotated, place, Optics(), rng))
+    result, _ = find_dots([marker], photos, pinhole)
+    assert result.unused
+    assert all("its lens is not the camera's" in reason for reason in result.unused.values())
     assert not find_dots([marker], photos, true)[0].unused

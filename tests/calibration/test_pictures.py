@@ -42,12 +42,12 @@ def test_copies_are_told_from_photographs_of_the_same_place(photographs, quality
 
 def test_a_copy_is_listed_with_its_original_and_counts_once(photographs):
     marker, images = photographs
-    found, _ = find_dots([marker], [*images, images[0], _encoded(images[3], 85)], CAMERA)
-    assert set(found.unused) == {6, 7}
-    assert "photo 0" in found.unused[6]
-    assert "photo 3" in found.unused[7]
-    assert sorted(found.photo.tolist()) == list(range(6))
-    assert stations(found.views, found.photo) == {5: 0}
+    result, _ = find_dots([marker], [*images, images[0], _encoded(images[3], 85)], CAMERA)
+    assert set(result.unused) == {6, 7}
+    assert "photo 0" in result.unused[6]
+    assert "photo 3" in result.unused[7]
+    assert sorted(result.photo.tolist()) == list(range(6))
+    assert stations(result.views, result.photo) == {5: 0}
 
 
 def test_copies_of_one_photograph_are_named_where_another_is_missing(photographs):

@@ -26,8 +26,8 @@ COLUMNS = 12
 def calibrated():
     """Return the camera that 20 photos of five dots determine, and its covariance."""
     photographs = scene(5, 20, np.random.default_rng(3))
-    found = adjust(photographs.unknown_camera(), photographs.views)
-    return found.camera, found.camera_covariance
+    adjustment = adjust(photographs.unknown_camera(), photographs.views)
+    return adjustment.camera, adjustment.camera_covariance
 
 
 def samples(camera, covariance, count, scale=1.0):

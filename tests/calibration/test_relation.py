@@ -24,31 +24,31 @@ SIGMA = 0.01
 CUBE = rigs.cube()
 
 
-def assembled(rig, rng, turn=0.005, shift=5e-4, apart=1.0):
+def assembled(rig, rng, rotation=0.005, offset=5e-4, apart=1.0):
     """The rig as it was put together: markers turned by some rad and shifted by some m."""
     return Rig(
         tuple(
             Plate(
-                each.name,
-                each.marker,
-                exponential(rng.normal(0, turn, 3)) @ each.rotation_matrix,
-                apart * each.translation_vector + rng.normal(0, shift, 3),
+                marker.name,
+                marker.marker,
+                exponential(rng.normal(0, rotation, 3)) @ marker.rotation_matrix,
+                apart * marker.translation_vector + rng.normal(0, offset, 3),
             )
-            for each in rig.markers
+            for marker in rig.markers
         )
     )
 
 
 def photographed(rig, rng, count, freedom=None):
     """Adjusted photographs of a rig from all sides, each marker with poses of its own, and the photo of each view."""
-    design = np.concatenate([each.marker.xyz for each in rig.markers])
-    parts = np.repeat(np.arange(len(rig.markers)), [len(each.marker) for each in rig.markers])
+    design = np.concatenate([marker.marker.xyz for marker in rig.markers])
+    parts = np.repeat(np.arange(len(rig.markers)), [len(marker.marker) for marker in rig.markers])
     pixels, seen, rotations, translations, photo = [], [], [], [], []
     for k in range(count):
         rotation = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
         translation = np.array([*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.3, 0.5)])
-        for number, each in enumerate(rig.markers):
-            own_rotation, own_translation = each.camera_pose(rotation, translation)
+        for number, marker in enumerate(rig.markers):
+            own_rotation, own_translation = marker.camera_pose(rotation, translation)
             toward = -own_translation / np.linalg.norm(own_translation)
             if own_rotation[:, 2] @ toward < 0.25:
                 continue
@@ -64,7 +64,7 @@ def photographed(rig, rng, count, freedom=None):
     return adjust(network, views), np.array(photo)
 
 
-def errors_of(found, truth):
+def errors_of(result, truth):
     """Errors (w, dt) of the markers' poses in the rig frame, once the truth is moved to the frame of the result."""
     from markergen.calibration.relation import _as_designed
 
@@ -72,8 +72,8 @@ def errors_of(found, truth):
     (turns, shifts), _ = _as_designed(CUBE, poses, np.zeros((36, 36)))
     return np.concatenate(
         [
-            np.r_[logarithm(each.rotation_matrix @ turn.T), each.translation_vector - shift]
-            for each, turn, shift in zip(found.markers, turns, shifts, strict=True)
+            np.r_[logarithm(marker.rotation_matrix @ rotation.T), marker.translation_vector - offset]
+            for marker, rotation, offset in zip(result.markers, turns, shifts, strict=True)
         ]
     )
 
@@ -90,15 +90,15 @@ def test_the_relation_is_found_within_its_covariance(count):
     for _ in range(count):
         truth = assembled(CUBE, rng)
         adjustment, photo = photographed(truth, rng, 30)
-        found = relate(CUBE, adjustment, photo, 1e-4)
-        error = errors_of(found.rig, truth)
-        size, rank = nees(error, found.rig.relation_covariance)
+        result = relate(CUBE, adjustment, photo, 1e-4)
+        error = errors_of(result.rig, truth)
+        size, rank = nees(error, result.rig.relation_covariance)
         assert rank == 30
         total, freedom = total + size, freedom + rank
-        assert found.looseness == pytest.approx(1, abs=0.3)
-        assert found.turned_deg.max() > 0.1
-        assert np.median(found.sigma[0]) < 0.1
-        assert np.median(found.sigma[1]) < 1e-4
+        assert result.looseness == pytest.approx(1, abs=0.3)
+        assert result.turned_deg.max() > 0.1
+        assert np.median(result.sigma[0]) < 0.1
+        assert np.median(result.sigma[1]) < 1e-4
     assert total / freedom == pytest.approx(1, abs=3 * np.sqrt(2 / freedom))
 
 
@@ -117,12 +117,12 @@ def test_a_camera_of_limited_accuracy_counts():
 def test_markers_that_move_are_noticed():
     rng = np.random.default_rng(2)
     halves = [photographed(assembled(CUBE, rng), rng, 8) for _ in range(2)]
-    first, second = (each.views for each, _ in halves)
+    first, second = (item.views for item, _ in halves)
     views = Views(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in vars(first)))
     network = halves[0][0].network
     photo = np.concatenate([halves[0][1], 8 + halves[1][1]])
-    found = relate(CUBE, adjust(network, views), photo, 1e-4)
-    assert "seem to move" in found.warnings[0]
+    result = relate(CUBE, adjust(network, views), photo, 1e-4)
+    assert "seem to move" in result.warnings[0]
 
 
 def test_unconnected_markers_are_named():
@@ -138,16 +138,16 @@ def test_the_frame_is_that_of_the_design():
         truth,
         markers=tuple(
             replace(
-                each,
-                rotation=exponential(np.array([0, 0, 0.3])) @ each.rotation_matrix,
-                translation=each.translation_vector + 0.1,
+                marker,
+                rotation=exponential(np.array([0, 0, 0.3])) @ marker.rotation_matrix,
+                translation=marker.translation_vector + 0.1,
             )
-            for each in truth.markers
+            for marker in truth.markers
         ),
     )
     adjustment, photo = photographed(moved, np.random.default_rng(5), 20)
-    found = relate(CUBE, adjustment, photo, 1e-4)
-    assert np.abs(found.rig.xyz.mean(axis=0) - CUBE.xyz.mean(axis=0)).max() < 1e-4
+    result = relate(CUBE, adjustment, photo, 1e-4)
+    assert np.abs(result.rig.xyz.mean(axis=0) - CUBE.xyz.mean(axis=0)).max() < 1e-4
 
 
 def test_a_rig_is_measured_by_photographs_of_it(tmp_path):
@@ -162,12 +162,12 @@ def test_a_rig_is_measured_by_photographs_of_it(tmp_path):
         looking = rigs.looking(truth, rng)
         photos.append(render_view(truth, camera, *looking, Optics(), rng))
     truth.save(tmp_path / "truth.json")
-    found = mg.calibrate(corner, photos, camera, save=tmp_path / "measured.json", report=tmp_path / "report.html")
+    calibration = mg.calibrate(corner, photos, camera, save=tmp_path / "measured.json", report=tmp_path / "report.html")
     measured = mg.Rig.load(tmp_path / "measured.json")
     assert measured.relation is not None
-    assert "markers are" in str(found)
+    assert "markers are" in str(calibration)
     assert "of the rig" in (tmp_path / "report.html").read_text()
-    assert len(found.as_dict()["relation"]["markers"]) == 3
+    assert len(calibration.as_dict()["relation"]["markers"]) == 3
 
     def off(rig):
         first, second = rig.xyz - rig.xyz.mean(axis=0), truth.xyz - truth.xyz.mean(axis=0)
@@ -184,9 +184,9 @@ def test_derivatives_of_bound_poses_are_those_of_differences():
     """Two plates and two cameras, each view of another pair."""
     rng, step = np.random.default_rng(7), 1e-6
     held = np.array([True, False, True, False])
-    turned, away = exponential(rng.normal(0, 0.5, (4, 3))), rng.normal(0, 0.2, (4, 3))
-    turned[held], away[held] = np.eye(3), 0.0
-    bound = RigidPoses(turned, away, np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0]), np.array([2, 3, 2, 3]), held)
+    rotated, away = exponential(rng.normal(0, 0.5, (4, 3))), rng.normal(0, 0.2, (4, 3))
+    rotated[held], away[held] = np.eye(3), 0.0
+    bound = RigidPoses(rotated, away, np.array([0, 0, 1, 1]), np.array([0, 1, 1, 0]), np.array([2, 3, 2, 3]), held)
     bodies = exponential(rng.normal(0, 0.5, (2, 3))), rng.normal(0, 0.2, (2, 3)) + [0, 0, 1]
     blank = Views(
         np.zeros((4, 1, 2)), np.zeros((4, 1, 2, 2)), np.ones((4, 1), bool), np.zeros((4, 3, 3)), np.zeros((4, 3))
@@ -205,14 +205,14 @@ def test_derivatives_of_bound_poses_are_those_of_differences():
 
 
 def _step(before, after):
-    turn = logarithm(after.rotation @ before.rotation.swapaxes(-1, -2))
-    return np.concatenate([turn, after.translation - before.translation], axis=-1)
+    rotation = logarithm(after.rotation @ before.rotation.swapaxes(-1, -2))
+    return np.concatenate([rotation, after.translation - before.translation], axis=-1)
 
 
-@pytest.mark.parametrize("known", ["exact", "covariance", pytest.param("unknown", marks=pytest.mark.long)])
-def test_two_cameras_are_found_within_their_covariance(known):
+@pytest.mark.parametrize("reference", ["exact", "covariance", pytest.param("unknown", marks=pytest.mark.long)])
+def test_two_cameras_are_found_within_their_covariance(reference):
     """NEES of 8 sets of 6 unknowns, and errors below those of two calibrations by themselves."""
-    sets = [stereo.one_set(np.random.default_rng(seed), 8, known) for seed in range(8)]
+    sets = [stereo.one_set(np.random.default_rng(seed), 8, reference) for seed in range(8)]
     squares = [nees(*stereo.scaled(error, spread))[0] for error, spread, _ in sets]
     assert sum(squares) / 48 == pytest.approx(1, abs=3 * np.sqrt(2 / 48))
     together, apart = (np.array([row[k] for row in sets]).std(axis=0) for k in (0, 2))

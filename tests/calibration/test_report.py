@@ -52,10 +52,10 @@ def made(both):
 
 
 def test_is_one_whole_page_that_loads_nothing_and_says_in_words_what_it_shows(both, made):
-    found, asked = check(made), both.next_photos
-    assert not found.scripts
+    result, asked = check(made), both.next_photos
+    assert not result.scripts
     assert len(made) < 2_000_000
-    assert len(found.of("svg")) == 8 + len(asked.photos) * asked.helps
+    assert len(result.of("svg")) == 8 + len(asked.photos) * asked.helps
 
 
 def test_foreign_text_stays_text(made):
@@ -72,10 +72,10 @@ def test_has_a_section_for_everything_that_was_found(made, two_markers, nominal)
     assert Page(made).sections == SECTIONS
     unjudged = NotJudged("too few photographs")
     exact = Page(calibration_page(replace(two_markers, cross_validation=unjudged)))
-    assert exact.sections == tuple(each for each in SECTIONS if each != "camera")
+    assert exact.sections == tuple(item for item in SECTIONS if item != "camera")
     assert not [title for title in exact.titles if title.startswith(("Left-out", "Two halves", "Rejected"))]
     held = Page(calibration_page(nominal))
-    assert held.sections == tuple(each for each in SECTIONS if each != "next")
+    assert held.sections == tuple(item for item in SECTIONS if item != "next")
     assert len(held.table("Dots")[0]) == 4
     assert not [a for tag, a in held.elements if tag == "svg" and a["aria-label"].startswith("Map")]
 
@@ -94,23 +94,23 @@ def test_verdict_is_first_and_is_that_of_the_object(both, made):
 
 
 def test_tables_hold_the_numbers_of_the_object(both, made):
-    found, told, adjustment = Page(made), both.as_dict(), both.adjustment
-    rows = found.table("Dots of the print")
-    for row, dot in zip(rows, told["dots"], strict=True):
+    result, output, adjustment = Page(made), both.as_dict(), both.adjustment
+    rows = result.table("Dots of the print")
+    for row, dot in zip(rows, output["dots"], strict=True):
         assert row[0] == str(dot["id"])
         assert [float(cell) for cell in row[1:4]] == pytest.approx(1e6 * np.array(dot["moved"]), abs=0.051)
         assert [float(cell) for cell in row[4:7]] == pytest.approx(1e6 * np.array(dot["sigma"]), abs=0.051)
         assert row[7:9] == [str(dot["views"]), str(dot["rejected"])]
-    rows = found.table("Photographs")
-    for row, photo in zip(rows, told["photos"], strict=True):
+    rows = result.table("Photographs")
+    for row, photo in zip(rows, output["photos"], strict=True):
         assert row[0] == photo["photo"]
         assert row[2:4] == [str(photo["dots"]), str(len(photo["rejected"]))]
         assert float(row[4]) == pytest.approx(photo["rms_px"], abs=6e-4)
-    rows = found.table("Camera")
+    rows = result.table("Camera")
     assert [float(row[1]) for row in rows][:4] == pytest.approx(
         [adjustment.camera.fx, adjustment.camera.fy, adjustment.camera.cx, adjustment.camera.cy], rel=1e-6
     )
-    sigma = told["camera"]["sigma"]
+    sigma = output["camera"]["sigma"]
     assert [row[2] for row in rows] == [number(sigma[row[0]]) if sigma[row[0]] else "held" for row in rows]
 
 
@@ -129,46 +129,46 @@ def test_tells_what_was_rejected_and_by_how_much(both, made):
 def test_asks_for_the_next_photographs(two_markers):
     asked = two_markers.next_photos
     assert asked.helps
-    found, text = Page(calibration_page(two_markers)), markup.unescape(calibration_page(two_markers).decode())
+    result, text = Page(calibration_page(two_markers)), markup.unescape(calibration_page(two_markers).decode())
     assert text.count(asked.sentence) == 2
     assert asked.sentence in summary(two_markers)
     assert all(f"expect {number(photo.after.rotation_deg)} deg and" in text for photo in asked.photos)
-    pictures = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "to take next" in a["aria-label"]]
+    pictures = [a["aria-label"] for tag, a in result.elements if tag == "svg" and "to take next" in a["aria-label"]]
     assert pictures == [f"Picture {k + 1} to take next: {photo.request}." for k, photo in enumerate(asked.photos)]
 
 
 def test_chi2_of_the_photographs_adds_up_to_that_of_the_adjustment(both):
     subject, adjustment = Quantities(both), both.adjustment
     inverse = np.linalg.inv(adjustment.views.covariance)
-    own = inverse @ adjustment.residual_covariance()
-    freedom = (np.trace(own, axis1=2, axis2=3) * subject.taken).sum(axis=1)
+    ours = inverse @ adjustment.residual_covariance()
+    freedom = (np.trace(ours, axis1=2, axis2=3) * subject.taken).sum(axis=1)
     # What is known of a print before, about as designed, has a share of both: a thousandth here.
     assert freedom.sum() == pytest.approx(adjustment.degrees_of_freedom, rel=3e-3)
     assert subject.variance_factors @ freedom == pytest.approx(adjustment.chi2, rel=1e-2)
 
 
 def test_dots_of_two_markers_are_told_apart(two_markers):
-    found = Page(calibration_page(two_markers))
-    assert [row[0] for row in found.table("Dots")] == [*(f"1:{k}" for k in range(5)), *(f"2:{k}" for k in range(6))]
-    assert len(found.table("Photographs")) == 8
-    maps = [a["aria-label"] for tag, a in found.elements if tag == "svg" and "in the print" in a["aria-label"]]
+    result = Page(calibration_page(two_markers))
+    assert [row[0] for row in result.table("Dots")] == [*(f"1:{k}" for k in range(5)), *(f"2:{k}" for k in range(6))]
+    assert len(result.table("Photographs")) == 8
+    maps = [a["aria-label"] for tag, a in result.elements if tag == "svg" and "in the print" in a["aria-label"]]
     assert [text[:15] for text in maps] == ["Map of marker 1", "Map of marker 2"]
 
 
 def test_summary_is_some_ten_lines(both, two_markers, nominal):
-    for found in (both, two_markers, nominal):
-        assert ". " not in verdict_sentence(found)
-        lines = summary(found)
-        assert lines[0] == verdict_sentence(found)
-        assert found.scale_source in lines
-        assert 5 <= len(lines) - len(found.notes) <= 10
+    for result in (both, two_markers, nominal):
+        assert ". " not in verdict_sentence(result)
+        lines = summary(result)
+        assert lines[0] == verdict_sentence(result)
+        assert result.scale_source in lines
+        assert 5 <= len(lines) - len(result.notes) <= 10
         assert all("  " not in line and "nan" not in line for line in lines)
 
 
-def _with_misfit(found, design, factor):
+def _with_misfit(result, design, factor):
     """A calibration whose residuals are larger than noise by a factor, with the design's left-out residuals."""
-    adjustment = replace(found.adjustment, chi2=factor * found.adjustment.degrees_of_freedom)
-    return replace(found, adjustment=adjustment, cross_validation=replace(found.cross_validation, nominal=design))
+    adjustment = replace(result.adjustment, chi2=factor * result.adjustment.degrees_of_freedom)
+    return replace(result, adjustment=adjustment, cross_validation=replace(result.cross_validation, nominal=design))
 
 
 def test_verdict_says_what_to_do(both, two_markers, nominal):
@@ -208,7 +208,7 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert verdict_sentence(_with_misfit(as_designed, noisy, 8.0)).startswith(sentence("use measured") + " or the")
     assert verdict_sentence(_with_misfit(as_designed, noisy, 1.0)).startswith(sentence("not yet"))
     kept = replace(doubtful, after=both.before)
-    assert [each.to_use for each in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
+    assert [item.to_use for item in (agreeing, unjudged, nominal, doubtful, worse, far, kept)] == 3 * [True] + 4 * [
         False
     ]
     assert (agreeing.as_dict()["use"], worse.as_dict()["use"]) == (True, False)
@@ -242,8 +242,8 @@ def test_what_is_left_names_the_largest_source_first(both):
         part in shares for part in ("print (rotation 90 %, translation 10 %)", "(rotation 10 %, translation 90 %)")
     )
     assert "camera" not in shares
-    said = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
-    assert said == sentence("variance left", "rotation 6 %, translation 100 %", "rotation 94 %, translation 0 %")
+    message = what_is_left(replace(both, after=replace(error, print=(0.04, 0.0))))
+    assert message == sentence("variance left", "rotation 6 %, translation 100 %", "rotation 94 %, translation 0 %")
 
 
 def test_photograph_from_the_right_is_drawn_at_the_right():
@@ -287,7 +287,7 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
     covariance = root @ root.swapaxes(-1, -2)
     ax = Figure().add_subplot()
     draw_print_map(marker, [str(k) for k in range(5)], points, moved, covariance, 50.0, ax)
-    dots, regions = (each for each in ax.collections if isinstance(each, EllipseCollection))
+    dots, regions = (collection for collection in ax.collections if isinstance(collection, EllipseCollection))
     assert dots.get_offsets() == pytest.approx(points)
     ends = points + 50e-3 * moved[:, :2]
     assert regions.get_offsets() == pytest.approx(ends)
@@ -297,7 +297,7 @@ def test_map_shows_where_dots_are_and_their_two_sigma_regions(make_ngon):
         side = regions.get_heights()[k] / 2 * np.array([-np.sin(angle), np.cos(angle)]) / 50e-3
         for edge in (tip, side, (tip + side) / 2**0.5):
             assert edge @ np.linalg.solve(covariance[k, :2, :2], edge) == pytest.approx(4.0)
-    arrows = next(each for each in ax.collections if isinstance(each, Quiver))
+    arrows = next(collection for collection in ax.collections if isinstance(collection, Quiver))
     assert np.column_stack([arrows.U, arrows.V]) == pytest.approx(ends - points)
 
 

@@ -66,18 +66,18 @@ def test_a_ruler_that_was_not_measured_tells_nothing(design):
 
 def test_a_measured_length_and_the_rulers_count_by_their_precision(calibrated, design):
     alone = calibrated([design], 8, known(length(design)), false=0)
-    own = RULER / length(design).length
-    assert share(alone.markers[0]) == pytest.approx(own, rel=0.05)
+    ours = RULER / length(design).length
+    assert share(alone.markers[0]) == pytest.approx(ours, rel=0.05)
     assert sentence("scale doubted") not in alone.scale_source
     printed, _ = rescale_body(design, Rulers(WIDE, WIDE))
-    found, moved = (calibrated([printed], 8, known(length(design, each)), false=0) for each in (1.0, 1.002))
-    assert "and the rulers" in found.scale_source
-    both, off = found.markers[0], moved.markers[0]
-    together = (own**-2 + 2 * 0.001**-2) ** -0.5
+    result, moved = (calibrated([printed], 8, known(length(design, item)), false=0) for item in (1.0, 1.002))
+    assert "and the rulers" in result.scale_source
+    both, off = result.markers[0], moved.markers[0]
+    together = (ours**-2 + 2 * 0.001**-2) ** -0.5
     assert share(both) == pytest.approx(together, rel=0.05)
     # The mean of what the length and the rulers tell, by their weights.
-    sizes = [np.linalg.norm(each.xyz - each.xyz.mean(axis=0)) for each in (both, off)]
-    assert sizes[1] / sizes[0] - 1 == pytest.approx(0.002 * (together / own) ** 2, rel=0.1)
+    sizes = [np.linalg.norm(item.xyz - item.xyz.mean(axis=0)) for item in (both, off)]
+    assert sizes[1] / sizes[0] - 1 == pytest.approx(0.002 * (together / ours) ** 2, rel=0.1)
 
 
 def test_a_measured_length_makes_no_rotation_worse(calibrated, design):
@@ -105,16 +105,16 @@ def test_rulers_that_contradict_the_photographs_are_doubted_where_the_scale_is_s
     doubts = {}
     for read in (1.003, 1.0, 1.012, 0.992):
         printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
-        found = calibrated([printed], 8, known(), false=0, made=[design])
-        said = found.scale_source
-        doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", said)
-        assert "contradict" not in str(found.notes)
+        result = calibrated([printed], 8, known(), false=0, made=[design])
+        message = result.scale_source
+        doubts[read] = re.findall(r"the print is ([\d.]+ % \w+) along x, compared with y, than by them", message)
+        assert "contradict" not in str(result.notes)
         # One of two rulers is wrong, and their mean by half of that.
         left = abs(1.003 / read - 1) / 2 if doubts[read] else 0.001 / np.sqrt(2)
-        assert share(found.markers[0]) == pytest.approx(left, rel=0.05)
-        assert f"known to {100 * share(found.markers[0]):.2g} %{' only' * bool(doubts[read])}" in said
+        assert share(result.markers[0]) == pytest.approx(left, rel=0.05)
+        assert f"known to {100 * share(result.markers[0]):.2g} %{' only' * bool(doubts[read])}" in message
         # Such rulers tell of the print as designed no more than of the measured one.
-        assert found.before.translation > found.after.translation
+        assert result.before.translation > result.after.translation
     assert not doubts[1.003]
     assert not doubts[1.0]  # off by twice what a ruler may be
     assert doubts[1.012] == ["0.91 % shorter"]
@@ -125,10 +125,10 @@ def test_doubted_rulers_count_less_beside_a_measured_length(calibrated, design):
     shares, sizes = [], []
     for read in (1.0, 1.03):
         printed, _ = rescale_body(design, Rulers(WIDE * read, WIDE))
-        found = calibrated([printed], 8, known(length(design)), false=0, made=[design])
-        shares.append(share(found.markers[0]))
-        sizes.append(np.linalg.norm(found.markers[0].xyz - found.markers[0].xyz.mean(axis=0)))
-        assert ("the rulers contradict" in found.scale_source) == (read > 1)
+        result = calibrated([printed], 8, known(length(design)), false=0, made=[design])
+        shares.append(share(result.markers[0]))
+        sizes.append(np.linalg.norm(result.markers[0].xyz - result.markers[0].xyz.mean(axis=0)))
+        assert ("the rulers contradict" in result.scale_source) == (read > 1)
     alone = calibrated([design], 8, known(length(design)), false=0).markers[0]
     both = ((RULER / length(design).length) ** -2 + 2 * 0.001**-2) ** -0.5
     assert shares == pytest.approx([both, share(alone)], rel=0.05)
@@ -137,7 +137,7 @@ def test_doubted_rulers_count_less_beside_a_measured_length(calibrated, design):
 
 def test_the_rulers_of_another_marker_are_doubted_in_a_note(calibrated, design):
     printed, _ = rescale_body(design, Rulers(WIDE, 1.03 * WIDE))
-    found = calibrated([design, printed], 8, known(), false=0, made=[design, design])
-    assert "contradict" not in found.scale_source
-    assert "print is 3.3 % longer along x" in str(found.notes)
-    assert share(found.markers[1]) > 0.01
+    result = calibrated([design, printed], 8, known(), false=0, made=[design, design])
+    assert "contradict" not in result.scale_source
+    assert "print is 3.3 % longer along x" in str(result.notes)
+    assert share(result.markers[1]) > 0.01

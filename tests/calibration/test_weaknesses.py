@@ -55,11 +55,11 @@ def test_nothing_is_open_in_a_good_set(n, names):
 @pytest.mark.parametrize("n", [5, 24])
 def test_frontal_photographs_leave_the_heights_open(n):
     """With a known camera they are told by perspective alone, and carry their errors."""
-    found = _found(n, *_frontal(20, np.random.default_rng(0)))
-    assert sentence("weak heights") in [each.what for each in found]
-    assert "tilt" in str(found[0])
+    results = _found(n, *_frontal(20, np.random.default_rng(0)))
+    assert sentence("weak heights") in [item.what for item in results]
+    assert "tilt" in str(results[0])
     unknown = _found(n, *_frontal(20, np.random.default_rng(0)), names=BASE)
-    focal = next(each for each in unknown if each.what == sentence("weak focal length"))
+    focal = next(item for item in unknown if item.what == sentence("weak focal length"))
     assert "%" in focal.sentence or "open" in focal.sentence
 
 
@@ -67,14 +67,14 @@ def test_frontal_photographs_leave_the_heights_open(n):
 @pytest.mark.parametrize("names", [None, BASE])
 def test_the_same_photograph_is_refused(n, names):
     rotation, translation = hand_held(1, np.random.default_rng(0), layout(n), tilt=(30, 40))
-    found = _found(n, np.repeat(rotation, 12, axis=0), np.repeat(translation, 12, axis=0), names=names)
-    assert found[0].refuses
-    error = str(refusal(found))
+    results = _found(n, np.repeat(rotation, 12, axis=0), np.repeat(translation, 12, axis=0), names=names)
+    assert results[0].refuses
+    error = str(refusal(results))
     assert error.startswith("expected photographs that")
     assert "tilt" in error
     assert "\n" not in error
     if names is None:
-        assert found[0].what == sentence("weak depths")
+        assert results[0].what == sentence("weak depths")
 
 
 @pytest.mark.parametrize(("names", "what"), [(None, "depths of the dots"), (BASE, sentence("weak focal length"))])
@@ -82,9 +82,9 @@ def test_photographs_that_are_only_shifted_are_refused(names, what):
     rng = np.random.default_rng(0)
     rotation = hand_held(1, rng, layout(24), tilt=(30, 40))[0]
     shifts = np.column_stack([rng.uniform(-0.1, 0.1, (20, 2)), np.full(20, 0.7)])
-    found = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names, good=True)
-    assert found[0].what == what
-    assert found[0].refuses
+    results = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names, good=True)
+    assert results[0].what == what
+    assert results[0].refuses
     # They show that a print with half a millimeter of sag is worse than what they leave open.
     carried = _found(24, np.repeat(rotation, 20, axis=0), shifts, names=names)
     assert carried[0].what == what
@@ -94,32 +94,32 @@ def test_photographs_that_are_only_shifted_are_refused(names, what):
 
 def test_one_roll_leaves_the_ratio_of_the_focal_lengths_open():
     names = (*BASE, "fy")
-    found = _found(24, *_tilted(20, np.random.default_rng(0)), names=names)
-    assert found[0].what == "fx against fy"
-    assert "turn the camera" in found[0].remedy
+    results = _found(24, *_tilted(20, np.random.default_rng(0)), names=names)
+    assert results[0].what == "fx against fy"
+    assert "turn the camera" in results[0].remedy
     assert _found(24, *_tilted(20, np.random.default_rng(0), roll=True), names=names) == ()
     assert _found(24, *_tilted(20, np.random.default_rng(0)), names=BASE) == ()
 
 
 def test_a_length_that_is_measured_poorly_leaves_the_scale_open():
     made, network = _set(6, *hand_held(15, np.random.default_rng(0), layout(6)))
-    found = findings(adjust(replace(network, lengths=(Length(0, 1, 0.11, 5e-4),)), made.views))
-    assert [each.what for each in found] == [sentence("weak scale")]
-    assert "--measured" in found[0].remedy
-    assert not found[0].refuses
+    results = findings(adjust(replace(network, lengths=(Length(0, 1, 0.11, 5e-4),)), made.views))
+    assert [item.what for item in results] == [sentence("weak scale")]
+    assert "--measured" in results[0].remedy
+    assert not results[0].refuses
 
 
 def test_too_few_photographs_are_refused():
     poses = hand_held(6, np.random.default_rng(0), layout(5))
     for count, names, more in ((2, BASE, "2 more"), (3, BASE, "1 more"), (1, None, "2 more"), (2, None, "1 more")):
-        found = _found(5, poses[0][:count], poses[1][:count], names=names)
-        assert found[0].refuses
-        assert "more measurements than" in found[0].sentence
-        assert more in found[0].remedy
+        results = _found(5, poses[0][:count], poses[1][:count], names=names)
+        assert results[0].refuses
+        assert "more measurements than" in results[0].sentence
+        assert more in results[0].remedy
         count = f"{len(poses[0][:count])} photograph"
-        assert f"the dots{' and the camera' * bool(names)}, found that {count}" in str(refusal(found))
+        assert f"the dots{' and the camera' * bool(names)}, found that {count}" in str(refusal(results))
     assert _found(5, poses[0][:4], poses[1][:4], names=BASE)[0].refuses
-    assert not any(each.refuses for each in _found(5, *poses, names=BASE))
+    assert not any(item.refuses for item in _found(5, *poses, names=BASE))
 
 
 def test_dots_seen_once_or_never_are_named():
@@ -127,25 +127,25 @@ def test_dots_seen_once_or_never_are_named():
     made, network = _set(24, *hand_held(12, rng, layout(24)))
     seen = made.views.seen.copy()
     seen[1:, 3], seen[:, 7] = False, False
-    found = explain(network, replace(made.views, seen=seen))
-    assert [each.what for each in found] == ["dot 3, dot 7"]
-    assert found[0].refuses
+    results = explain(network, replace(made.views, seen=seen))
+    assert [item.what for item in results] == ["dot 3, dot 7"]
+    assert results[0].refuses
     names = [f"dot {k}" for k in range(24)]
-    told = rarely_seen(seen.sum(axis=0), names)
-    assert [each.what for each in told] == ["dot 3, dot 7"]
-    assert not told[0].refuses
+    output = rarely_seen(seen.sum(axis=0), names)
+    assert [item.what for item in output] == ["dot 3, dot 7"]
+    assert not output[0].refuses
     assert rarely_seen(np.full(24, 2), names) == ()
 
 
 def test_a_camera_alone_needs_tilt():
     rng = np.random.default_rng(0)
-    found = _found(24, *_frontal(20, rng), names=BASE, free=False)
-    assert found[0].what == sentence("weak focal length")
-    assert found[0].refuses
-    near = hand_held(20, rng, layout(24), tilt=(0, 4))
-    carried = _found(24, *near, names=BASE, free=False)
-    assert sentence("weak focal length") in {each.what for each in carried}
-    assert not any(each.refuses for each in carried)
+    results = _found(24, *_frontal(20, rng), names=BASE, free=False)
+    assert results[0].what == sentence("weak focal length")
+    assert results[0].refuses
+    nearby = hand_held(20, rng, layout(24), tilt=(0, 4))
+    carried = _found(24, *nearby, names=BASE, free=False)
+    assert sentence("weak focal length") in {item.what for item in carried}
+    assert not any(item.refuses for item in carried)
     assert _found(24, *hand_held(20, rng, layout(24)), names=BASE, free=False) == ()
 
 
@@ -184,9 +184,9 @@ def test_a_refused_set_is_worse_than_the_design_and_an_accepted_one_better():
 
 def test_photographs_without_enough_dots_are_told():
     made, network = _set(5, *hand_held(3, np.random.default_rng(0), layout(5)))
-    found = explain(network, replace(made.views, seen=np.zeros((3, 5), dtype=bool)))
-    assert found[0].refuses
-    assert "no photograph" in found[0].sentence
+    results = explain(network, replace(made.views, seen=np.zeros((3, 5), dtype=bool)))
+    assert results[0].refuses
+    assert "no photograph" in results[0].sentence
     alone = np.arange(3)[:, None] == [0, 0, 0, 0, 0]
     assert "that another one shows, too" in explain(network, replace(made.views, seen=alone))[0].sentence
     agreed = explain(network, replace(made.views, seen=np.ones((3, 5), dtype=bool)))

@@ -49,44 +49,44 @@ ALL = ["calibrate", "marker.json", "photos", "--camera", "camera.yaml"]
 def unconfirmed(monkeypatch):
     """Left-out photographs do not tell the measured print from the design."""
 
-    def worse(found):
-        gain = replace(found.gain, low=0.9)
-        return CrossValidation(found.photos, found.measured, found.nominal, found.refitted, gain)
+    def worse(result):
+        gain = replace(result.gain, low=0.9)
+        return CrossValidation(result.photos, result.measured, result.nominal, result.refitted, gain)
 
     honest = Calibration.saved
     monkeypatch.setattr(
         Calibration,
         "saved",
-        lambda found, targets: honest(replace(found, cross_validation=worse(found.cross_validation)), targets),
+        lambda result, targets: honest(replace(result, cross_validation=worse(result.cross_validation)), targets),
     )
 
 
 def test_without_files_that_is_said(capsys):
     assert main(ALL) == 0
-    said = capsys.readouterr()
-    assert said.out.startswith(sentence("use measured"))
-    assert said.err == sentence("nothing written") + "\n"
+    output = capsys.readouterr()
+    assert output.out.startswith(sentence("use measured"))
+    assert output.err == sentence("nothing written") + "\n"
     assert main([*ALL, "--json", "-"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out)["use"]
-    assert said.err == ""
+    output = capsys.readouterr()
+    assert json.loads(output.out)["use"]
+    assert output.err == ""
 
 
 def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsys, unconfirmed):
     output = tmp_path / "measured.json"
     assert main([*ALL, "-o", str(output)]) == 1
-    said = capsys.readouterr()
-    assert said.out.startswith(sentence("not yet"))
-    assert said.err == sentence("unusable files", output) + "\n"
+    message = capsys.readouterr()
+    assert message.out.startswith(sentence("not yet"))
+    assert message.err == sentence("unusable files", output) + "\n"
     assert output.exists()
     assert main([*ALL, "--quiet", "--json", "-"]) == 1
-    said = capsys.readouterr()
-    assert not json.loads(said.out)["use"]
-    assert said.err == sentence("unusable result") + "\n"
+    message = capsys.readouterr()
+    assert not json.loads(message.out)["use"]
+    assert message.err == sentence("unusable result") + "\n"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (
             "calibrate marker.json photos --camera camera.yaml -o new.yaml",
@@ -120,11 +120,11 @@ def test_a_marker_that_is_not_to_be_used_is_status_1_and_written(tmp_path, capsy
         ),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(arguments, said, capsys):
+def test_bad_input_is_one_line_and_status_2(arguments, message, capsys):
     assert main(arguments.split()) == 2
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_two_cameras_are_calibrated_together(pairs, made):
 
 
 @pytest.mark.parametrize(
-    ("photos", "cameras", "said"),
+    ("photos", "cameras", "message"),
     [
         (["pairs"], ["left=camera.yaml", "camera.yaml"], "a name of its own for each of several cameras"),
         (["pairs", "photos"], ["left=camera.yaml", "right="], "photographs in a folder of each camera's name"),
@@ -164,11 +164,11 @@ def test_two_cameras_are_calibrated_together(pairs, made):
         (["pairs"], ["left=camera.yaml", "right=camera.yaml", "-o", "one.yaml"], "no camera to write"),
     ],
 )
-def test_what_is_amiss_with_several_cameras_is_one_line(pairs, capsys, photos, cameras, said):
+def test_what_is_amiss_with_several_cameras_is_one_line(pairs, capsys, photos, cameras, message):
     options = [
         part for text in cameras for part in (["--camera", text] if "=" in text or text == "camera.yaml" else [text])
     ]
     assert main(["calibrate", "marker.json", *photos, *options]) == 2
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error

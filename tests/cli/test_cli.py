@@ -58,20 +58,20 @@ def test_a_closed_standard_output_is_told(here, capsys, monkeypatch, command):
 def test_the_main_job(here, capsys):
     files = ["-o", "marker.pdf", "-o", "marker.svg"]
     assert main(["design", "--n", "5", "--radius", "0.15", "--restarts", "1", *files, "--details"]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert names(here) == {"marker.pdf", "marker.svg", "marker.json"}
-    for words in (
+    for phrase in (
         "5 control points in a disk of radius 150 mm",
         "36 mm",
         "needs A2",
         "regular 5-gon",
         "random, median",
     ):
-        assert words in said
+        assert phrase in output
     assert main(["validate", "marker.json", "--runs", "1", "--views", "2", "--json", "results.json", "--details"]) == 0
-    said = capsys.readouterr().out
-    for words in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "2 of 2 rendered views detected"):
-        assert words in said
+    output = capsys.readouterr().out
+    for phrase in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "2 of 2 rendered views detected"):
+        assert phrase in output
     results = json.loads((here / "results.json").read_text())
     assert set(results) == {
         "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
@@ -151,7 +151,7 @@ def test_version(capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "phrase"),
     [
         ("design --n 3", "at least 4 control points, found n=3"),
         ("design --n four", "--n"),
@@ -203,13 +203,13 @@ def test_version(capsys):
         ("validate none.json", "No such file"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, words):
-    assert words in complaint(capsys, *arguments.split())
+def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, phrase):
+    assert phrase in complaint(capsys, *arguments.split())
     assert names(here) == set()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "phrase"),
     [
         ("validate marker.json --runs -1", "runs"),
         ("validate marker.json --noise -0.1", "noise"),
@@ -228,13 +228,13 @@ def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, words
         ("export marker.json -o marker.json -o none/m.svg", "the folder none does not exist"),
     ],
 )
-def test_bad_requests_leave_the_marker_alone(marker, capsys, arguments, words):
+def test_bad_requests_leave_the_marker_alone(marker, capsys, arguments, phrase):
     before = marker.read_bytes()
     status = main(arguments.split())
     captured = capsys.readouterr()
     assert status == 2
     assert len(captured.err.splitlines()) == 1
-    assert words in captured.err
+    assert phrase in captured.err
     assert marker.read_bytes() == before
     assert names(marker.parent) == {"marker.json"}
 
@@ -243,7 +243,7 @@ def test_bad_requests_leave_the_marker_alone(marker, capsys, arguments, words):
 @pytest.mark.parametrize("damage", ["cut", "foreign", "newer", "twice", "outside"])
 def test_a_bad_marker_is_refused_by_every_reader(marker, capsys, command, damage):
     content = json.loads(marker.read_text())
-    words = {
+    phrase = {
         "cut": "complete JSON", "foreign": "another kind of file", "newer": "version 3", "twice": "used twice",
         "outside": "over the boundary",
     }[damage]  # fmt: skip
@@ -257,7 +257,7 @@ def test_a_bad_marker_is_refused_by_every_reader(marker, capsys, command, damage
         content["control_points"][2]["x"] = 0.3
     text = json.dumps(content)
     marker.write_text(text[:-40] if damage == "cut" else text)
-    assert words in complaint(capsys, *command.split())
+    assert phrase in complaint(capsys, *command.split())
     assert names(marker.parent) == {"marker.json"}
 
 
@@ -272,9 +272,9 @@ def test_a_failed_check_is_status_1(marker, capsys):
     common = ["validate", "marker.json", "--runs", "0", "--views", "0"]
     few = [*common, "--poses", "cone:count=20"]
     assert main([*few, "--fail-if", "bound.rotation_deg > 0.1", "--fail-if", "bound.rotation_deg > 5"]) == 1
-    said = capsys.readouterr().err
-    assert "FAILED: bound.rotation_deg" in said
-    assert "passed: bound.rotation_deg" in said
+    message = capsys.readouterr().err
+    assert "FAILED: bound.rotation_deg" in message
+    assert "passed: bound.rotation_deg" in message
     assert main([*common, "--fail-if", "bound.by_polar_angle.17.5.rotation_deg > 5"]) == 0
 
 

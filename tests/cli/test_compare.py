@@ -23,9 +23,9 @@ def test_tables_json_and_picture(here, capsys):
     arguments = ["compare", "marker.json", "square", "aruco:DICT_4X4_50:7", "--views", "2", "--workers", "1"]
     arguments += ["--poses", "cone:distance=1.3..1.5m,count=20"]
     assert main([*arguments, "--json", "c.json", "--plot", "c.svg"]) == 0
-    said = capsys.readouterr().out
-    for words in ("marker.json", "square", "aruco:DICT_4X4_50:7", "ratio", "wrote c.json", "wrote c.svg"):
-        assert words in said
+    output = capsys.readouterr().out
+    for phrase in ("marker.json", "square", "aruco:DICT_4X4_50:7", "ratio", "wrote c.json", "wrote c.svg"):
+        assert phrase in output
     assert json.loads((here / "c.json").read_text())["views"]["count"] == 2
     assert "<svg" in (here / "c.svg").read_text()
     assert main([*arguments[:3], *arguments[4:], "--json", "-"]) == 0
@@ -33,7 +33,7 @@ def test_tables_json_and_picture(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["marker.json", "hexagon"], "known: MARKER.json, ngon:N"),
         (["marker.json", "apriltag:36h11:587"], "an id of 0 to 586"),
@@ -45,11 +45,11 @@ def test_tables_json_and_picture(here, capsys):
         ([], "compare --help"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(arguments, said, here, capsys):
+def test_bad_input_is_one_line_and_status_2(arguments, message, here, capsys):
     assert main(["compare", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
     assert captured.err.startswith("markergen: error: ")
-    assert said in captured.err
+    assert message in captured.err
     assert {path.name for path in here.iterdir()} == {"marker.json"}

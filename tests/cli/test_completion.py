@@ -51,9 +51,9 @@ def home(tmp_path, monkeypatch) -> Path:
 
 
 def output_of(*command: str) -> list[str]:
-    found = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    assert found.stderr == ""
-    return found.stdout.splitlines()
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert result.stderr == ""
+    return result.stdout.splitlines()
 
 
 def needs(shell: str) -> None:
@@ -77,7 +77,7 @@ def test_fish(home):
     [script] = home.glob("**/markergen.fish")
 
     def complete(line: str) -> list[str]:
-        return [each.partition("\t")[0] for each in output_of("fish", "-c", f"source {script}; complete -C '{line}'")]
+        return [item.partition("\t")[0] for item in output_of("fish", "-c", f"source {script}; complete -C '{line}'")]
 
     assert complete("markergen de") == ["design", "detect"]
     assert complete("markergen rescale marker.json --measured-p") == ["--measured-points"]
@@ -97,7 +97,7 @@ def test_help_has_every_name(name):
     options = [declared(table)[name] for table in TABLES if name in declared(table)]
     assert options
     for option in options:
-        assert all(each in option.help for each in names_of(name))
+        assert all(item in option.help for item in names_of(name))
 
 
 def test_names_of_open_ended_options_are_the_usual_ones():

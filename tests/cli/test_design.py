@@ -75,10 +75,10 @@ def test_camera_and_poses_of_files_are_used_throughout(here, capsys):
     with (here / "poses.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["tx", "ty", "tz", "qx", "qy", "qz", "qw"])
-        for turn in np.linspace(0.9, 1.1, 12):
+        for rotation in np.linspace(0.9, 1.1, 12):
             # About half a turn around x, so that the face looks at the camera; tilted by up to 36 degrees.
-            angle = np.pi * turn
-            rows.writerow([0.01, 0.02, 0.8 + turn / 10, np.sin(angle / 2), 0, 0, np.cos(angle / 2)])
+            angle = np.pi * rotation
+            rows.writerow([0.01, 0.02, 0.8 + rotation / 10, np.sin(angle / 2), 0, 0, np.cos(angle / 2)])
     files = ["--camera", "camera.yaml", "--poses", "poses.csv"]
     assert main(quick("--boundary", "rect:0.2x0.15", *files, "--details")) == 0
     assert "12 poses (poses.csv)" in capsys.readouterr().out
@@ -97,9 +97,9 @@ def test_camera_and_poses_of_files_are_used_throughout(here, capsys):
 @pytest.mark.long
 def test_losses_are_printed(here, capsys):
     assert main(quick("--n", "5", "--survive", "1", "--aggregate", "cvar:0.9", "--details")) == 0
-    said = capsys.readouterr().out
-    for words in ("none hidden", "worst: dot", "mean of any 1 hidden", "found in", "MB of memory"):
-        assert words in said
+    output = capsys.readouterr().out
+    for phrase in ("none hidden", "worst: dot", "mean of any 1 hidden", "found in", "MB of memory"):
+        assert phrase in output
 
 
 def test_the_way_of_the_search(here):
@@ -114,7 +114,7 @@ def test_the_way_of_the_search(here):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "phrase"),
     [
         ("--radius 0.1 --boundary rect:1x1", "a radius or a boundary"),
         ("--boundary none.svg", "No such file"),
@@ -142,12 +142,12 @@ def test_the_way_of_the_search(here):
         ("--dot 0 -o m.svg", "leave out --dot 0"),
     ],
 )
-def test_bad_requests(here, capsys, arguments, words):
+def test_bad_requests(here, capsys, arguments, phrase):
     assert main(["design", *arguments.split()]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
-    assert words in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert len(output.err.splitlines()) == 1
+    assert phrase in output.err
     assert not list(here.iterdir())
 
 
@@ -183,8 +183,8 @@ def test_a_layout_without_a_homography_is_refused(here, capsys):
 
 def test_what_was_minimized_is_printed(here, capsys):
     """The table has each criterion with its own aggregate: that of the spec is told beside it."""
-    words = ["--aggregate", "max", "--survive", "1", "--trace", "way.csv", "--details"]
-    assert main(quick("--n", "5", "--poses", "cone:count=4", *words)) == 0
+    phrase = ["--aggregate", "max", "--survive", "1", "--trace", "way.csv", "--details"]
+    assert main(quick("--n", "5", "--poses", "cone:count=4", *phrase)) == 0
     value = float(list(csv.DictReader((here / "way.csv").read_text().splitlines()))[-1]["objective"])
     assert f"loss of 1 dot, {value:.4g} m, seed 0" in capsys.readouterr().out
 
@@ -192,10 +192,10 @@ def test_what_was_minimized_is_printed(here, capsys):
 @pytest.mark.long
 def test_poses_that_mostly_miss_the_marker_are_told(here, capsys):
     assert main(quick("--n", "4", "--radius", "0.25", "--poses", "cone:distance=0.5..1m,tilt=0..30")) == 0
-    said = capsys.readouterr()
-    assert "see the whole" in said.out
-    assert "not served: 0.5" in said.out
-    assert "left out" in said.err
+    output = capsys.readouterr()
+    assert "see the whole" in output.out
+    assert "not served: 0.5" in output.out
+    assert "left out" in output.err
 
 
 def test_a_layout_with_a_weak_homography_is_told(here, capsys):
@@ -213,9 +213,9 @@ def test_other_criteria_that_suffer_are_told(here, capsys):
     sided = ("--poses", "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=20")
     options = ("--n", "4", "--radius", "150mm", "--dot", "10mm", *sided)
     assert main(quick(*options)) == 0
-    said = capsys.readouterr().err
-    assert "weak for rotation" in said
-    assert re.search(r"off by [\d.]+ deg \(regular n-gon: [\d.]+\) for image noise of 1 px", said)
-    assert "weak for pose" not in said
+    message = capsys.readouterr().err
+    assert "weak for rotation" in message
+    assert re.search(r"off by [\d.]+ deg \(regular n-gon: [\d.]+\) for image noise of 1 px", message)
+    assert "weak for pose" not in message
     assert main(quick(*options, "--objective", "rotation")) == 0
     assert "weak for rotation" not in capsys.readouterr().err

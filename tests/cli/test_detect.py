@@ -51,9 +51,9 @@ ALL = ["--marker", "marker.json", "--camera", "camera.yaml"]
 def test_a_folder_of_photos(here, capsys, tmp_path):
     found, seen = tmp_path / "found.json", tmp_path / "seen"
     assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(seen)]) == 0
-    said = capsys.readouterr()
-    assert sentence("markers found", "2 of 2 images") in said.out
-    assert not said.err
+    output = capsys.readouterr()
+    assert sentence("markers found", "2 of 2 images") in output.out
+    assert not output.err
     entries = json.loads(found.read_text())
     assert [entry["image"] for entry in entries] == ["good/130.png", "good/250.png"]
     for entry, pose in zip(entries, (130, 250), strict=True):
@@ -74,8 +74,8 @@ def test_heic_among_the_images_is_told(here, capsys, tmp_path):
     (tmp_path / "a.png").write_bytes((here / "good" / "130.png").read_bytes())
     (tmp_path / "b.heic").write_bytes(b"a photo")
     assert main(["detect", str(tmp_path), *ALL]) == 0
-    told = f"{tmp_path}: 1 HEIC file is not read: set the phone to JPEG, or convert it\n"
-    assert capsys.readouterr().err == told
+    output = f"{tmp_path}: 1 HEIC file is not read: set the phone to JPEG, or convert it\n"
+    assert capsys.readouterr().err == output
 
 
 def test_standard_output_is_json_alone(here, capsys):
@@ -93,18 +93,18 @@ def test_a_scale_that_nobody_measured_counts_in_the_distance(here, capsys):
 
 def test_a_photo_without_the_marker_is_status_1(here, capsys):
     assert main(["detect", "empty.png", "good/130.png", *ALL]) == 1
-    said = capsys.readouterr().out
-    assert "empty.png: marker.json not found: found 0 dots" in said
-    assert "good/130.png: marker.json, 5 of 5 dots" in said
+    output = capsys.readouterr().out
+    assert "empty.png: marker.json not found: found 0 dots" in output
+    assert "good/130.png: marker.json, 5 of 5 dots" in output
 
 
 def test_a_broken_photo_is_status_2_and_the_others_are_done(here, capsys, tmp_path):
-    found = tmp_path / "found.json"
-    assert main(["detect", "broken.png", "good/130.png", *ALL, "--json", str(found)]) == 2
-    said = capsys.readouterr()
-    assert len(said.err.strip().splitlines()) == 1
-    assert "broken.png" in said.err
-    broken, good = json.loads(found.read_text())
+    path = tmp_path / "found.json"
+    assert main(["detect", "broken.png", "good/130.png", *ALL, "--json", str(path)]) == 2
+    output = capsys.readouterr()
+    assert len(output.err.strip().splitlines()) == 1
+    assert "broken.png" in output.err
+    broken, good = json.loads(path.read_text())
     assert broken["error"]
     assert good["markers"][0]["found"]
 
@@ -115,7 +115,7 @@ def test_without_a_camera(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["nowhere*.png", *ALL], "nowhere"),
         (["good", "--marker", "none.json"], "none.json"),
@@ -129,12 +129,12 @@ def test_without_a_camera(here, capsys):
         (["good", *ALL, "--json", "no/such/folder/f.json"], "no/such/folder"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, message):
     assert main(["detect", *arguments]) == 2
     error = capsys.readouterr().err
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error
 
 
 def test_inputs_are_never_overwritten(here, capsys):
@@ -149,10 +149,10 @@ def test_overlays_never_stand_among_the_photos(here, capsys, tmp_path):
     (tmp_path / "a.jpg").write_bytes((here / "good" / "130.png").read_bytes())
     for images, folder in (("good", "good"), (str(tmp_path / "*.jpg"), str(tmp_path))):
         assert main(["detect", images, *ALL, "--overlay", folder]) == 2
-        said = capsys.readouterr().err
-        assert len(said.strip().splitlines()) == 1
-        assert "folder for overlays" in said
-        assert f"such as --overlay {folder}/seen" in said
+        message = capsys.readouterr().err
+        assert len(message.strip().splitlines()) == 1
+        assert "folder for overlays" in message
+        assert f"such as --overlay {folder}/seen" in message
     assert [path.name for path in tmp_path.iterdir()] == ["a.jpg"]
     assert len(list((here / "good").iterdir())) == 2
 
@@ -168,10 +168,10 @@ def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys,
         honest(path, data)
 
     monkeypatch.setattr(batch, "write_atomic", full)
-    found = tmp_path / "found.json"
-    assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(tmp_path / "seen")]) == 2
+    output = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(output), "--overlay", str(tmp_path / "seen")]) == 2
     assert "No space left" in capsys.readouterr().err
-    assert len(json.loads(found.read_text())) == 2
+    assert len(json.loads(output.read_text())) == 2
     assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
 
 
@@ -188,10 +188,10 @@ def test_verdict_and_state_of_the_tag_are_in_the_results(here, capsys):
     assert (
         main(["detect", "good", *ALL, "--json", "-", "--deadline", "60", "--smallest", "3", "--symmetric", "any"]) == 0
     )
-    (found,) = json.loads(capsys.readouterr().out)[0]["markers"]
-    assert found["verdict"]["consistent"]
-    assert found["tag_state"] == "none"
-    assert found["turns_deg"] == []
+    (findings,) = json.loads(capsys.readouterr().out)[0]["markers"]
+    assert findings["verdict"]["consistent"]
+    assert findings["tag_state"] == "none"
+    assert findings["turns_deg"] == []
 
 
 def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch, capsys):
@@ -205,7 +205,7 @@ def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypat
         return honest(detector, path, deadline)
 
     monkeypatch.setattr(batch, "look_at", interrupted)
-    found = tmp_path / "found.json"
-    assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
-    assert len(json.loads(found.read_text())) == 1
+    output = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(output)]) == 130
+    assert len(json.loads(output.read_text())) == 1
     assert capsys.readouterr().err.splitlines() == ["1 of 2 images were searched", "markergen: error: interrupted"]

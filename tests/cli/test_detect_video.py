@@ -51,16 +51,16 @@ def here(folder, monkeypatch):
 
 
 def test_a_video_with_its_outputs(here, capsys, tmp_path):
-    found, seen = tmp_path / "found.jsonl", tmp_path / "seen.mp4"
-    arguments = ["--json", str(found), "--overlay", str(seen), "--smooth", "2,10"]
+    path, seen = tmp_path / "found.jsonl", tmp_path / "seen.mp4"
+    arguments = ["--json", str(path), "--overlay", str(seen), "--smooth", "2,10"]
     assert main(["detect", "walk.mp4", *ALL, *arguments]) == 0
-    said = capsys.readouterr()
-    assert not said.err
-    *written, last = said.out.splitlines()
-    assert sorted(written) == [f"wrote {found}", f"wrote {seen}"]
+    output = capsys.readouterr()
+    assert not output.err
+    *written, last = output.out.splitlines()
+    assert sorted(written) == [f"wrote {path}", f"wrote {seen}"]
     assert last.startswith(f"walk.mp4: {sentence('markers found', '3 of 3 frames')}, ")
     assert last.endswith(" 0 dropped")
-    lines = [json.loads(line) for line in found.read_text().splitlines()]
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
     for number, line in enumerate(lines):
         assert (line["frame"], line["dropped"], line["clock"]) == (number, 0, None)
         (entry,) = line["markers"]
@@ -72,13 +72,13 @@ def test_a_video_with_its_outputs(here, capsys, tmp_path):
 
 def test_standard_output_is_lines_of_json_alone(here, capsys):
     assert main(["detect", "away.avi", *ALL, "--json", "-"]) == 1
-    said = capsys.readouterr()
-    assert [json.loads(line)["markers"][0]["found"] for line in said.out.splitlines()] == [True, False]
-    assert said.err.startswith(f"away.avi: {sentence('markers found', '1 of 2 frames')}")
+    output = capsys.readouterr()
+    assert [json.loads(line)["markers"][0]["found"] for line in output.out.splitlines()] == [True, False]
+    assert output.err.startswith(f"away.avi: {sentence('markers found', '1 of 2 frames')}")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["walk.mp4", "away.avi", *ALL], "one video, camera or stream at a time"),
         (["walk.mp4", "photo.png", *ALL], "one video, camera or stream at a time"),
@@ -93,14 +93,14 @@ def test_standard_output_is_lines_of_json_alone(here, capsys):
         (["photo.png", *ALL, "--overlay", "seen.mp4"], "a folder for overlays of images"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
-    before = sorted(each.name for each in here.iterdir())
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, message):
+    before = sorted(item.name for item in here.iterdir())
     assert main(["detect", *arguments]) == 2
     error = capsys.readouterr().err
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
-    assert said in error
-    assert sorted(each.name for each in here.iterdir()) == before
+    assert message in error
+    assert sorted(item.name for item in here.iterdir()) == before
 
 
 def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
@@ -115,18 +115,18 @@ def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
             stream.write((here / "away.avi").read_bytes())
             stream.flush()
             # Each line comes at once.
-            found = [json.loads(running.stdout.readline())["markers"][0]["found"] for _ in range(2)]
+            finding = [json.loads(running.stdout.readline())["markers"][0]["found"] for _ in range(2)]
             running.send_signal(signal.SIGINT)
             running.wait(30)
-        rest, said = running.communicate()
-    assert (found, rest, running.returncode) == ([True, False], "", 130)
-    wrote, total, *notes, last = said.splitlines()
+        rest, message = running.communicate()
+    assert (finding, rest, running.returncode) == ([True, False], "", 130)
+    wrote, total, *notes, last = message.splitlines()
     assert wrote == f"wrote {seen}"
     assert total.startswith(f"{pipe}: {sentence('markers found', '1 of 2 frames')}")
     assert not notes
     assert last == "markergen: error: interrupted"
     assert len(read_video(seen)) in (1, 2)
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["live.avi", "seen.mp4"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["live.avi", "seen.mp4"]
 
 
 def test_a_terminal_shows_one_line_that_changes(monkeypatch):
@@ -145,10 +145,10 @@ def test_a_terminal_shows_one_line_that_changes(monkeypatch):
     # A file or a pipe has what is printed meanwhile; a terminal has it above that line.
     assert sys.stdout.getvalue() == "the sum\n"
     assert "the sum" not in sys.stderr.getvalue()
-    shown = sys.stderr.getvalue()
-    assert "0.04 s, [12] frames per second; marker.json" in shown
-    assert max(len(line) for line in re.split(r"\x1b\[[0-9?;]*[A-Za-z]|[\r\n]", shown)) <= 60
-    assert shown.count("\n") == 1
+    printed = sys.stderr.getvalue()
+    assert "0.04 s, [12] frames per second; marker.json" in printed
+    assert max(len(line) for line in re.split(r"\x1b\[[0-9?;]*[A-Za-z]|[\r\n]", printed)) <= 60
+    assert printed.count("\n") == 1
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     with console.status_line("waiting for a frame") as show:
         show("a log has no such lines")

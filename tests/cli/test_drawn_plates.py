@@ -48,8 +48,8 @@ def plate(_, model):
     for x, y, start in [(r, r, 180), (w - r, r, 270), (w - r, h - r, 0), (r, h - r, 90)]:
         model.add_arc((x, y), r, start, start + 90)
     model.add_lwpolyline([(40, 20, 0), (80, 20, 1), (80, 30, 0), (40, 30, 1)], format="xyb", close=True)
-    turn = 2 * math.pi - 2 * math.acos(0.6)
-    model.add_lwpolyline([(156, 52, 0), (156, 68, math.tan(turn / 4))], format="xyb", close=True)
+    rotation = 2 * math.pi - 2 * math.acos(0.6)
+    model.add_lwpolyline([(156, 52, 0), (156, 68, math.tan(rotation / 4))], format="xyb", close=True)
     model.add_circle((20, 100), 4.25)
 
 
@@ -102,14 +102,14 @@ def measured(path: Path) -> tuple[float, list[float]]:
     """Volume in mm^3 of all solids, and diameters of upright cylinders as high as the plate, as gmsh has them."""
     with in_gmsh(path) as gmsh:
         volume = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
-        found = []
+        results = []
         for _, tag in gmsh.model.getEntities(2):
             low, _, high = (gmsh.model.getBoundingBox(2, tag)[k] for k in (2, 0, 5))
             if gmsh.model.getType(2, tag) == "Cylinder" and high - low > 0.9 * THICK:
                 first, last = gmsh.model.getParametrizationBounds(2, tag)
                 one, other, *_ = gmsh.model.getPrincipalCurvatures(tag, (first + last) / 2)
-                found.append(2 / max(abs(one[0]), abs(other[0])))
-        return volume, sorted(found)
+                results.append(2 / max(abs(one[0]), abs(other[0])))
+        return volume, sorted(results)
 
 
 def test_the_solid_has_the_drawing_s_cylinders_and_its_volume(made):
@@ -137,16 +137,16 @@ def test_the_fabrication_drawing_has_the_drawing_s_sizes(made):
     assert made.kind == "plate" or sheet.stat().st_size > 1000
     fabrication = Fabrication(engrave=False)
     work = workpiece(made.marker, fabrication, parts_of(made.marker, fabrication))
-    words = [line for callout in work.callouts for line in callout.lines]
+    phrase = [line for callout in work.callouts for line in callout.lines]
     if made.kind == "flange":
         assert work.round
         assert work.size == pytest.approx((250, 250), abs=1e-9)
         # One of the four holes keeps the flange from turning: it is a datum, with a callout of its own.
-        assert {"\xd880", "3x \xd89", "\xd89"} < set(words)
-        assert sum("on a circle [\xd8200]" in line for line in words) == 2
+        assert {"\xd880", "3x \xd89", "\xd89"} < set(phrase)
+        assert sum("on a circle [\xd8200]" in line for line in phrase) == 2
     else:
         assert work.size == pytest.approx((200, 120), abs=1e-9)
-        assert {"\xd88.5", "4x R15", "2x R5", "R10"} < set(words)
+        assert {"\xd88.5", "4x R15", "2x R5", "R10"} < set(phrase)
     (holes,) = [table for table in work.tables if table.title.startswith("Holes")]
     wanted = {"flange": ["80", "9", "9", "9", "9"], "plate": ["8.5"]}[made.kind]
     assert sorted(row[3].removeprefix("\xd8") for row in holes.rows) == sorted(wanted)
@@ -159,14 +159,14 @@ def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):
     from markergen.drawing.marker_artwork import cut_lines
 
     lines = cut_lines(Figure(made.marker), Colors(cut="#ff0000"))
-    found = []
+    results = []
     for line in lines:
         points = np.array(line.points[:-1])
         middle = (points + np.roll(points, -1, axis=0)) / 2
         radii = np.hypot(*(points - points.mean(axis=0)).T), np.hypot(*(middle - points.mean(axis=0)).T)
         if np.ptp(np.concatenate(radii)) < 5.1e-4:
-            found.append(radii[0].mean())
-    assert sorted(found) == pytest.approx({"flange": [4.5] * 4 + [40, 125], "plate": [4.25]}[made.kind], abs=1e-6)
+            results.append(radii[0].mean())
+    assert sorted(results) == pytest.approx({"flange": [4.5] * 4 + [40, 125], "plate": [4.25]}[made.kind], abs=1e-6)
 
 
 def test_all_files_verify(made, capsys):

@@ -45,17 +45,17 @@ def test_help_lists_every_suffix_with_a_word_about_it():
     ]
     assert {word for line in listed for word in line if word.startswith(".")} == set(EXPORTERS)
     # Long lines go on below.
-    said = [word for line in listed for word in line]
-    assert said == [word for suffixes, words in catalog() for word in (*suffixes, *words.split())]
-    assert all(len(words.split()) >= 2 for _, words in catalog())
+    message = [word for line in listed for word in line]
+    assert message == [word for suffixes, phrase in catalog() for word in (*suffixes, *phrase.split())]
+    assert all(len(phrase.split()) >= 2 for _, phrase in catalog())
 
 
 def test_every_suffix_at_once(here, capsys):
     suffixes = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].holds != "solid"]
     assert run("tagged.json " + " ".join(f"-o out{suffix}" for suffix in suffixes)) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for suffix in suffixes:
-        assert f"wrote out{suffix}" in said
+        assert f"wrote out{suffix}" in output
         assert (here / f"out{suffix}").stat().st_size > 300
 
 
@@ -91,7 +91,7 @@ def test_several_markers_go_into_one_pdf(here):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "phrase"),
     [
         ("marker.json -o m.xyz", ".opencv.yaml"),
         ("marker.json -o m.yaml", ".kalibr.yaml"),
@@ -116,5 +116,5 @@ def test_several_markers_go_into_one_pdf(here):
         ("marker.json -o marker.json", "one of the inputs"),
     ],
 )
-def test_bad_requests_are_one_line_and_write_nothing(here, capsys, line, words):
-    assert words in refusal(here, capsys, line)
+def test_bad_requests_are_one_line_and_write_nothing(here, capsys, line, phrase):
+    assert phrase in refusal(here, capsys, line)

@@ -61,7 +61,7 @@ def test_every_command_has_an_example(name, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "message"),
     [
         ("design --size 200mm", "No such option: --size; the room is --radius 150mm or --boundary rect:200mmx100mm"),
         ("design --dots 8", "write --n 8"),
@@ -76,10 +76,10 @@ def test_every_command_has_an_example(name, capsys):
         ("rig cube --sides 6", "No such option: --sides; see"),
     ],
 )
-def test_names_of_other_tools_and_misspelled_ones_are_answered(words, said, capsys):
-    assert main(words.split()) == 2
+def test_names_of_other_tools_and_misspelled_ones_are_answered(arguments, message, capsys):
+    assert main(arguments.split()) == 2
     complaint = capsys.readouterr().err
-    assert said in complaint
+    assert message in complaint
     assert complaint.count("\n") == 1
 
 

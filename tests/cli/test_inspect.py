@@ -10,9 +10,9 @@ def test_facts_on_the_terminal_and_as_json(tmp_path, capsys):
     path = tmp_path / "camera.yaml"
     Camera(640, 480, 800.0, 800.0, 320.0, 240.0).save(path)
     assert main(["inspect", str(path), "--to", str(tmp_path / "a.kalibr.yaml"), "--plot", str(tmp_path / "a.png")]) == 0
-    shown = capsys.readouterr().out
-    assert "640 x 480 px" in shown
-    assert "a.kalibr.yaml" in shown
+    printed = capsys.readouterr().out
+    assert "640 x 480 px" in printed
+    assert "a.kalibr.yaml" in printed
     assert main(["inspect", str(path), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["camera"]["fx"] == 800
     assert main(["inspect", str(path), "--to", str(tmp_path / "a.doc")]) == 2

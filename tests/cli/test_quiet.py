@@ -15,23 +15,23 @@ from markergen.cli import main
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    found = tmp_path_factory.mktemp("quiet")
+    result = tmp_path_factory.mktemp("quiet")
     marker = mg.design(
         n=4, radius="60mm", dot="20mm", restarts=1, poses="cone:distance=0.4..0.6,tilt=0..40,count=4"
     ).marker
-    marker.save(found / "m.json", found / "m.svg")
-    return found
+    marker.save(result / "m.json", result / "m.svg")
+    return result
 
 
 def test_quiet_keeps_errors_and_json(folder, monkeypatch, capfd):
     monkeypatch.chdir(folder)
     assert main(["validate", "m.json", "--runs", "2", "--views", "0", "--quiet", "--json", "-"]) == 0
-    said = capfd.readouterr()
-    assert json.loads(said.out)["headline"]
-    assert said.err == ""
+    output = capfd.readouterr()
+    assert json.loads(output.out)["headline"]
+    assert output.err == ""
     assert main(["--quiet", "validate", "none.json"]) == 2
-    said = capfd.readouterr()
-    assert (said.out, said.err.count("\n")) == ("", 1)
+    output = capfd.readouterr()
+    assert (output.out, output.err.count("\n")) == ("", 1)
     # The next command speaks again.
     assert main(["templates"]) == 0
     assert "desk-a4" in capfd.readouterr().out

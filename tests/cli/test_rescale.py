@@ -19,10 +19,10 @@ def test_by_rulers(here, capsys):
         main(["rescale", "marker.json", "--measured-x", "198.6mm", "--measured-y", "199.1mm", "-o", "printed.json"])
         == 0
     )
-    said = capsys.readouterr().out
-    assert said.startswith("wrote printed.json")
-    assert "99.3 %" in said
-    assert "This assumes --nominal-x 200mm and --nominal-y 200mm" in said
+    output = capsys.readouterr().out
+    assert output.startswith("wrote printed.json")
+    assert "99.3 %" in output
+    assert "This assumes --nominal-x 200mm and --nominal-y 200mm" in output
     assert read_marker(here / "printed.json").print_scale == pytest.approx((0.993, 0.9955))
     # The same file may be the output.
     assert (
@@ -34,35 +34,35 @@ def test_by_rulers(here, capsys):
 
 def test_by_dots(here, capsys):
     assert main(["rescale", "marker.json", "--measured-points", "dots.csv", "-o", "printed.json"]) == 0
-    said = capsys.readouterr().out
-    assert "Dot 4 was not" in said
-    found = read_marker(here / "printed.json")
-    assert found.control_points[0].covariance == pytest.approx((4e-10, 0, 4e-10), abs=1e-20)
-    assert found.control_points[4].covariance is None
-    assert found.provenance["print"]["points"]["ids"] == [0, 1, 2, 3]
+    output = capsys.readouterr().out
+    assert "Dot 4 was not" in output
+    result = read_marker(here / "printed.json")
+    assert result.control_points[0].covariance == pytest.approx((4e-10, 0, 4e-10), abs=1e-20)
+    assert result.control_points[4].covariance is None
+    assert result.provenance["print"]["points"]["ids"] == [0, 1, 2, 3]
 
 
 def test_exchanged_rulers_are_asked_about(here, capsys, make_ngon):
     # Its sheets of A4 and A5 have rulers of other lengths along x than along y.
     (here / "large.json").write_bytes(to_json(make_ngon(5, 0.089, 0.036)))
-    words = ["rescale", "large.json", "-o", "out.json"]
+    arguments = ["rescale", "large.json", "-o", "out.json"]
     exchanged = ["--measured-x", "100.0mm", "--measured-y", "150.4mm"]
-    assert main([*words, "--measured-x", "150.4mm", "--measured-y", "100.0mm"]) == 0
+    assert main([*arguments, "--measured-x", "150.4mm", "--measured-y", "100.0mm"]) == 0
     for nominal in ([], ["--nominal-x", "150mm", "--nominal-y", "100mm"]):
         capsys.readouterr()
-        assert main([*words, *exchanged, *nominal]) == 2
-        said = capsys.readouterr().err
-        assert "y 100 mm, found x 100 mm and y 150.4 mm" in said
-        assert "are x and y exchanged?" in said
+        assert main([*arguments, *exchanged, *nominal]) == 2
+        message = capsys.readouterr().err
+        assert "y 100 mm, found x 100 mm and y 150.4 mm" in message
+        assert "are x and y exchanged?" in message
     # A sheet of another paper may have them so.
-    assert main([*words, *exchanged, "--nominal-x", "100mm", "--nominal-y", "150mm"]) == 0
-    told = "On usual paper the rulers are x 150 mm and y 100 mm: see that x and y are not exchanged."
-    assert told in capsys.readouterr().out
+    assert main([*arguments, *exchanged, "--nominal-x", "100mm", "--nominal-y", "150mm"]) == 0
+    output = "On usual paper the rulers are x 150 mm and y 100 mm: see that x and y are not exchanged."
+    assert output in capsys.readouterr().out
     assert read_marker(here / "out.json").print_scale == pytest.approx((1.0, 150.4 / 150))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ("marker.json -o out.json", "--measured-x"),
         ("marker.json --measured-x 190mm -o out.json", "--force"),
@@ -78,10 +78,10 @@ def test_exchanged_rulers_are_asked_about(here, capsys, make_ngon):
         ("marker.json --measured-x 199mm", "--output"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(here, capsys, arguments, said):
+def test_bad_input_is_one_line_and_nothing_is_written(here, capsys, arguments, message):
     assert main(["rescale", *arguments.split()]) == 2
     error = capsys.readouterr().err
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error
     assert sorted(path.name for path in here.iterdir()) == ["dots.csv", "marker.json"]

@@ -59,11 +59,13 @@ def test_an_outline_from_a_drawing(here):
 
 def test_choices_reach_the_exporter(here, monkeypatch):
     seen = []
-    known = EXPORTERS[".csv"]
+    reference = EXPORTERS[".csv"]
     monkeypatch.setitem(
         EXPORTERS._entries,
         ".csv",
-        replace(known, write=lambda markers, options: seen.append(options.fabrication) or known(markers, options)),
+        replace(
+            reference, write=lambda markers, options: seen.append(options.fabrication) or reference(markers, options)
+        ),
     )
     assert export("-o m.csv") == 0
     line = "--process cnc --depth 1mm --gap 0.05mm --fit press --through --tool 2mm --draft 3 --foot 0.5mm"
@@ -78,7 +80,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "phrase"),
     [
         ("--process casting", "known: cnc, dome, fdm, laser, print"),
         ("--gap -0.1mm", "a gap of 0 or more, found gap=-0.0001 m"),
@@ -109,21 +111,21 @@ def test_choices_reach_the_exporter(here, monkeypatch):
         ("--mount M3c:0,0 --thickness 1mm", "has a countersink 1.66 mm deep in a plate of 1 mm"),
     ],
 )
-def test_bad_requests_are_one_line_and_write_nothing(here, capsys, line, words):
-    assert words in refusal(here, capsys, "export", "marker.json", "-o", "m.json", *line.split())
+def test_bad_requests_are_one_line_and_write_nothing(here, capsys, line, phrase):
+    assert phrase in refusal(here, capsys, "export", "marker.json", "-o", "m.json", *line.split())
 
 
 def test_limits_of_a_process_are_one_line_and_write_nothing(here, capsys):
-    for line, words in (("--depth 3mm", "3 mm"), ("--gap 5mm", "gap"), ("--tool 20mm", "20 mm")):
-        assert words in refusal(here, capsys, "export", "marker.json", "-o", "m.fab.pdf", *line.split())
+    for line, phrase in (("--depth 3mm", "3 mm"), ("--gap 5mm", "gap"), ("--tool 20mm", "20 mm")):
+        assert phrase in refusal(here, capsys, "export", "marker.json", "-o", "m.fab.pdf", *line.split())
 
 
 def test_an_outline_is_not_written_over(here, capsys):
     complaint = refusal(here, capsys, "export", "marker.json", "-o", "plate.json", "--outline", "plate.json")
     assert "plate.json" in complaint
     (here / "m.dxf").write_bytes((here / "plate.geojson").read_bytes())
-    words = ["-o", "m.dxf", "--outline", "m.dxf", "--boundary-unit", "m"]
-    assert sentence("input overwritten") in refusal(here, capsys, "export", "marker.json", *words)
+    phrase = ["-o", "m.dxf", "--outline", "m.dxf", "--boundary-unit", "m"]
+    assert sentence("input overwritten") in refusal(here, capsys, "export", "marker.json", *phrase)
 
 
 def test_a_design_has_its_plate_and_keeps_dots_off_the_holes(here, capsys):
@@ -164,7 +166,7 @@ def test_options_go_before_the_plate_of_a_template(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "phrase"),
     [
         ("--mount 4xM3@1m", "over the edge of the plate"),
         ("--mount 4xM7@40mm", "known: M1.6, M2,"),
@@ -174,8 +176,8 @@ def test_options_go_before_the_plate_of_a_template(here, capsys):
         ("--outline plate.geojson", "--boundary-unit"),
     ],
 )
-def test_plates_are_refused_before_any_search(here, capsys, line, words):
-    assert words in refusal(here, capsys, "design", "-o", "m.json", *line.split())
+def test_plates_are_refused_before_any_search(here, capsys, line, phrase):
+    assert phrase in refusal(here, capsys, "design", "-o", "m.json", *line.split())
 
 
 WITHOUT_KERNEL = """
@@ -211,9 +213,9 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
         [sys.executable, "-c", WITHOUT_KERNEL], input="\n".join(lines), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    said = done.stderr.splitlines()
-    assert said[: len(drawn)] == ["0"] * len(drawn)
-    complaints, statuses = said[len(drawn) :: 2], said[len(drawn) + 1 :: 2]
+    message = done.stderr.splitlines()
+    assert message[: len(drawn)] == ["0"] * len(drawn)
+    complaints, statuses = message[len(drawn) :: 2], message[len(drawn) + 1 :: 2]
     assert statuses == ["2"] * (len(made) + 1)
     for complaint in complaints:
         assert "libGL.so.1: cannot open" in complaint

@@ -42,8 +42,8 @@ def test_it_says_where_it_serves_and_ends_with_ctrl_c(tmp_path):
         with urllib.request.urlopen(search, timeout=30) as answer:
             assert b'"stage": "regular"' in answer.readline()
             process.send_signal(signal.SIGINT)
-            said, complaint = process.communicate(timeout=30)
-    assert (process.returncode, said, complaint) == (0, "", "")
+            message, complaint = process.communicate(timeout=30)
+    assert (process.returncode, message, complaint) == (0, "", "")
 
 
 def test_what_cannot_be_served_is_told_in_one_line(tmp_path, capsys, monkeypatch):
@@ -53,17 +53,17 @@ def test_what_cannot_be_served_is_told_in_one_line(tmp_path, capsys, monkeypatch
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        for arguments, words in (
+        for arguments, phrase in (
             (["--port", str(port)], f"--port {port}"),
             (["--port", "70000"], "--port"),
             (["missing.json"], "missing.json"),
             (["empty.json"], "empty.json"),
         ):
             assert main(["studio", "--no-browser", *arguments]) == 2
-            said = capsys.readouterr()
-            assert said.out == ""
-            assert len(said.err.splitlines()) == 1
-            assert words in said.err
+            output = capsys.readouterr()
+            assert output.out == ""
+            assert len(output.err.splitlines()) == 1
+            assert phrase in output.err
 
 
 @pytest.mark.parametrize("name", ["starlette", "uvicorn"])
@@ -71,10 +71,10 @@ def test_without_the_extra_it_says_what_to_install(capsys, monkeypatch, name):
     monkeypatch.delattr("markergen.studio.server", raising=False)
     monkeypatch.delitem(sys.modules, "markergen.studio.server", raising=False)
     monkeypatch.setattr("socket.socket.listen", None)  # Nothing is served if it is not told.
-    for module in [each for each in sys.modules if each.partition(".")[0] == name]:
+    for module in [item for item in sys.modules if item.partition(".")[0] == name]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, name, None)
     assert main(["studio", "--no-browser"]) == 2
-    said = capsys.readouterr().err
-    assert "pip install ./detector '.[studio]'" in said
-    assert len(said.splitlines()) == 1
+    message = capsys.readouterr().err
+    assert "pip install ./detector '.[studio]'" in message
+    assert len(message.splitlines()) == 1

@@ -24,8 +24,8 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(words, capsys):
-    status = main(words.split())
+def run(arguments, capsys):
+    status = main(arguments.split())
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
@@ -44,7 +44,7 @@ def test_a_sweep_is_written_refused_and_continued(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "complaint"),
+    ("arguments", "complaint"),
     [
         ("study sweep.toml", "Missing option"),
         ("study sweep -o out", "expected paper, a known study, or a .toml file, found 'sweep'; known: paper, layouts"),
@@ -58,8 +58,8 @@ def test_a_sweep_is_written_refused_and_continued(here, capsys):
         ("study paper -o out --scale 2", "expected a scale above 0"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line_before_anything_is_written(here, capsys, words, complaint):
-    status, out, err = run(words, capsys)
+def test_what_cannot_be_is_told_in_a_line_before_anything_is_written(here, capsys, arguments, complaint):
+    status, out, err = run(arguments, capsys)
     assert (status, out) == (2, "")
     assert complaint in err
     assert len(err.splitlines()) == 1

@@ -59,7 +59,7 @@ def test_the_solid_has_the_tag(here):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--tag", "aruco:DICT_4X4_51:1"], "did you mean 'aruco:DICT_4X4_50'? Known: aruco:DICT_4X4_50 to "),
         (["--tag", "aruco:DICT_4X4_50:50"], "expected an id of 0 to 49 in aruco:DICT_4X4_50, found id=50"),
@@ -74,13 +74,13 @@ def test_the_solid_has_the_tag(here):
         (["--tag", "aruco:DICT_4X4_50", "--ids", "1,1"], "id 1 twice"),
     ],
 )
-def test_what_does_not_go_is_one_line_and_nothing_written(here, capsys, options, said, monkeypatch):
+def test_what_does_not_go_is_one_line_and_nothing_written(here, capsys, options, message, monkeypatch):
     monkeypatch.setattr("markergen.optimize.design.design", None)
     assert main([*QUICK, *options, "-o", "m.pdf"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
-    assert said in captured.err
+    assert message in captured.err
     assert list(here.iterdir()) == []
 
 

@@ -28,9 +28,9 @@ def test_views_report_and_pictures(here, capsys, tmp_path, undrawn):
     (pictures / "failure-0099.png").write_bytes(b"of another run")
     (pictures / "mine.png").write_bytes(b"not of any run")
     assert main([*SHORT, "--views", "5", "--report", str(report), "--pictures", str(pictures), "--details"]) == 0
-    said = capsys.readouterr().out
-    for words in ("Error budget", "Synthetic views", "5 of 5 rendered views detected", "print limits"):
-        assert words in said
+    output = capsys.readouterr().out
+    for phrase in ("Error budget", "Synthetic views", "5 of 5 rendered views detected", "print limits"):
+        assert phrase in output
     assert report.read_bytes().startswith(b"<!DOCTYPE html>")
     names = {path.name for path in pictures.iterdir()}
     assert "mine.png" in names
@@ -48,15 +48,15 @@ def test_optics_change_the_budget_also_without_views(here):
 
 
 def test_nothing_found_fails_a_check_and_loses_nothing(here, capsys, tmp_path):
-    found = tmp_path / "found.json"
+    path = tmp_path / "found.json"
     check = "views.estimators.detect.rotation_deg.rms > 1"
-    assert main([*SHORT, "--views", "3", "--hide", "5", "--json", str(found), "--fail-if", check]) == 1
+    assert main([*SHORT, "--views", "3", "--hide", "5", "--json", str(path), "--fail-if", check]) == 1
     assert "no value" in capsys.readouterr().err
-    assert json.loads(found.read_text())["views"]["detected"] == 0
+    assert json.loads(path.read_text())["views"]["detected"] == 0
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--views", "0", "--stress"], "--stress"),
         (["--views", "0", "--pictures", "p"], "--pictures"),
@@ -75,11 +75,11 @@ def test_nothing_found_fails_a_check_and_loses_nothing(here, capsys, tmp_path):
         (["--views", "1", "--print-sigma", "-1mm"], "print"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(here, capsys, options, said):
+def test_bad_input_is_one_line_and_status_2(here, capsys, options, message):
     before = (here / "marker.json").read_bytes()
     assert main([*SHORT, *options]) == 2
     error = capsys.readouterr().err
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error
     assert (here / "marker.json").read_bytes() == before

@@ -35,11 +35,11 @@ def here(written, tmp_path, monkeypatch):
 def test_what_was_written_is_right(here, capsys):
     names = sorted(path.name for path in here.glob("marker.*"))
     assert main(["verify", "marker.json", *names]) == 0
-    said = capsys.readouterr()
-    assert not said.err
-    assert said.out.count("   ok\n") == len(names) == 8
-    assert "148 x 210 mm" in said.out
-    assert "100.0000 %" in said.out
+    output = capsys.readouterr()
+    assert not output.err
+    assert output.out.count("   ok\n") == len(names) == 8
+    assert "148 x 210 mm" in output.out
+    assert "100.0000 %" in output.out
 
 
 def test_what_is_wrong_is_status_1(here, capsys):
@@ -48,11 +48,11 @@ def test_what_is_wrong_is_status_1(here, capsys):
         text.replace('width="148mm"', 'width="147.852mm"').replace('height="210mm"', 'height="209.79mm"')
     )
     assert main(["verify", "marker.json", "marker.csv", "scaled.svg", "other.svg"]) == 1
-    said = capsys.readouterr().out
-    assert said.count("WRONG") == 2
-    assert "scaled.svg: " + sentence("scaled", "0.999 along x and y") in said
-    assert "other.svg: another marker" in said
-    assert "99.9000 %" in said
+    output = capsys.readouterr().out
+    assert output.count("WRONG") == 2
+    assert "scaled.svg: " + sentence("scaled", "0.999 along x and y") in output
+    assert "other.svg: another marker" in output
+    assert "99.9000 %" in output
     # What is 43 um off may be so if that is good enough.
     assert main(["verify", "marker.json", "scaled.svg", "--tolerance", "0.1mm"]) == 0
 
@@ -69,7 +69,7 @@ def test_standard_output_is_json_alone(here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["marker.json", "none.svg"], "No such file"),
         (["none.json", "marker.svg"], "none.json"),
@@ -83,7 +83,7 @@ def test_standard_output_is_json_alone(here, capsys):
         (["marker.json"], "FILE"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, message):
     (here / "broken.pdf").write_bytes((here / "marker.pdf").read_bytes()[:2000])
     (here / "empty.svg").write_bytes(b"")
     before = {path: path.read_bytes() for path in here.iterdir()}
@@ -91,12 +91,12 @@ def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
     error = capsys.readouterr().err
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
-    assert said in error
+    assert message in error
     assert {path: path.read_bytes() for path in here.iterdir()} == before
 
 
 def test_the_others_are_verified_all_the_same(here, capsys):
     assert main(["verify", "marker.json", "none.svg", "marker.csv"]) == 2
-    said = capsys.readouterr()
-    assert "none.svg" in said.err
-    assert "   ok\n" in said.out
+    output = capsys.readouterr()
+    assert "none.svg" in output.err
+    assert "   ok\n" in output.out

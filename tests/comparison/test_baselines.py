@@ -48,19 +48,19 @@ def see(contestant, pose, moved=None, camera=PAPER_CAMERA, optics=OPTICS):
 )
 def test_the_pose_is_the_one_it_was_seen_from(name, camera, dots):
     contestant = {"dots": dots, "tag": TAG, "board": BOARD}[name]
-    found = contestant.sight(see(contestant, 129, camera=camera), camera, SETTINGS.get(name, {}), 0.0)
-    assert not found.reason
+    result = contestant.sight(see(contestant, 129, camera=camera), camera, SETTINGS.get(name, {}), 0.0)
+    assert not result.reason
     # Without noise: what is left is the detectors' own error, 0.001 deg for dots and up to 0.1 deg for corners.
-    assert rotation_error_deg(found.rotation, POSES.rotation[129]) < (0.01 if name == "dots" else 0.3)
-    assert np.abs(found.translation - POSES.translation[129]).max() < (1e-4 if name == "dots" else 3e-3)
+    assert rotation_error_deg(result.rotation, POSES.rotation[129]) < (0.01 if name == "dots" else 0.3)
+    assert np.abs(result.translation - POSES.translation[129]).max() < (1e-4 if name == "dots" else 3e-3)
 
 
 def test_what_is_not_there_has_a_reason(dots):
     nothing = np.full((480, 640), 225, dtype=np.uint8)
     for contestant in (dots, TAG, BOARD):
-        found = contestant.sight(nothing, PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 0.0)
-        assert found.rotation is None
-        assert found.reason
+        result = contestant.sight(nothing, PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 0.0)
+        assert result.rotation is None
+        assert result.reason
 
 
 def test_deep_images_are_looked_at_too():
@@ -88,11 +88,11 @@ def test_a_displaced_print_is_seen_displaced(dots):
     for contestant in (dots, TAG):
         moved = np.zeros_like(contestant.print_error(0.0, np.random.default_rng(0)))
         moved[:, 0] = 2e-3
-        found = contestant.sight(see(contestant, 0, moved), PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 2e-3)
+        result = contestant.sight(see(contestant, 0, moved), PAPER_CAMERA, SETTINGS.get(contestant.name, {}), 2e-3)
         shifted = contestant.points + [2e-3, 0, 0]
         truth = project(shifted, POSES.rotation[:1], POSES.translation[:1], PAPER_CAMERA.matrix)[0]
         # Shifted by 2.7 px; corners are found to 0.1 px.
-        assert np.abs(found.pixels - truth[found.ids]).max() < 0.4
+        assert np.abs(result.pixels - truth[result.ids]).max() < 0.4
 
 
 def test_print_errors_have_their_size(dots):
@@ -111,14 +111,14 @@ def marker(tmp_path, pentagon):
 
 def test_one_alone_meets_one_of_each(marker, pentagon):
     contestants, setting = line_up([marker])
-    assert [each.name for each in contestants] == [
+    assert [contestant.name for contestant in contestants] == [
         marker, "ngon:5", "square", "random:5", "aruco:DICT_4X4_50", "edges:aruco:DICT_4X4_50", "apriltag:36h11",
         "charuco:5x5", "circles:5x5", "checkerboard:9x9",
     ]  # fmt: skip
     assert len(DEFAULTS) == 9
     assert setting.boundary == pentagon.boundary
     assert len(setting.poses) == 400
-    ngon, square, random = (each.body for each in contestants[1:4])
+    ngon, square, random = (contestant.body for contestant in contestants[1:4])
     assert (len(ngon), len(square), len(random)) == (5, 4, 5)
     for layout in (ngon, square, random):
         assert layout.dot_diameter == pentagon.dot_diameter
@@ -142,9 +142,9 @@ def test_every_kind_has_a_usual_one(marker):
 
 def test_an_inverted_marker_meets_inverted_layouts(pentagon):
     contestants, _ = line_up(["own", "ngon", "random"], given={"own": light_marker(pentagon)})
-    assert all(each.body.light for each in contestants)
-    found = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, {}, 0.0)
-    assert rotation_error_deg(found.rotation, POSES.rotation[129]) < 0.01
+    assert all(contestant.body.light for contestant in contestants)
+    result = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, {}, 0.0)
+    assert rotation_error_deg(result.rotation, POSES.rotation[129]) < 0.01
 
 
 def test_every_peer_fills_the_circle_with_the_white_it_needs():
@@ -153,8 +153,8 @@ def test_every_peer_fills_the_circle_with_the_white_it_needs():
     tag, april, board = contestants[0].tag, contestants[1].tag, contestants[2].board
     assert isinstance(tag, Tag)
     assert (tag.family, tag.id) == ("aruco:DICT_6X6_250", 17)
-    for each in (tag, april):
-        assert each.outer_side == pytest.approx(0.15 * 2**0.5)
+    for item in (tag, april):
+        assert item.outer_side == pytest.approx(0.15 * 2**0.5)
     assert np.linalg.norm(np.concatenate(board.outlines), axis=-1).max() == pytest.approx(0.15)
     assert (board.columns, board.rows, board.family) == (4, 6, "aruco:DICT_5X5_100")
     # All tags of a board have a cell of white around them, inside of their squares.
@@ -186,7 +186,7 @@ def test_the_same_named_twice_takes_part_once(marker):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("hexagon", "expected a known contestant, found 'hexagon'; known: MARKER.json, ngon:N"),
         ("arcuo", "did you mean 'aruco'? Known: MARKER.json, ngon:N"),
@@ -220,22 +220,22 @@ def test_the_same_named_twice_takes_part_once(marker):
         ("missing.json", "missing.json"),
     ],
 )
-def test_what_is_none_is_refused_in_one_line(text, said):
+def test_what_is_none_is_refused_in_one_line(text, message):
     with pytest.raises(InputError) as error:
         line_up(["aruco:DICT_4X4_50", text])
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_markers_of_two_sizes_keep_them_where_the_largest_is_wholly_seen(make_ngon):
-    given = {"small": make_ngon(5, 0.1, 0.02), "large": make_ngon(5, 0.15, 0.036)}
-    contestants, setting = line_up(["small", "large", "aruco:DICT_4X4_50"], given=given)
+    stated = {"small": make_ngon(5, 0.1, 0.02), "large": make_ngon(5, 0.15, 0.036)}
+    contestants, setting = line_up(["small", "large", "aruco:DICT_4X4_50"], given=stated)
     assert [contestant.room(setting.boundary).radius for contestant in contestants] == [0.1, 0.15, 0.1]
     assert contestants[2].tag.outer_side == pytest.approx(0.1 * 2**0.5)
-    large = setting_of(given["large"], None)
+    large = setting_of(stated["large"], None)
     assert np.array_equal(
         setting.poses.translation,
-        setting_of(given["small"], None).poses.seen_whole(Circle(0.15), large.camera).translation,
+        setting_of(stated["small"], None).poses.seen_whole(Circle(0.15), large.camera).translation,
     )
     inks = [contestant.ink(0.1) / contestant.area(0.1) for contestant in contestants[:2]]
     # Five rings 0.1 and 0.12 radii wide: as shares of their own circles, their ink goes as the squares of these.

@@ -28,8 +28,8 @@ FAR = "cone:distance=1.3..1.5m,count=20"
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5:0.75"]
 
 
-def tables_of(found):
-    return [part for part in Comparison(found).parts() if not isinstance(part, str)]
+def tables_of(result):
+    return [part for part in Comparison(result).parts() if not isinstance(part, str)]
 
 
 def compare(*arguments, **options):
@@ -89,7 +89,7 @@ def test_ours_and_the_peers_are_told_apart(many):
     assert first["rotation_deg"]["rms"] <= 0.03
     assert first["translation_pct"]["rms"] <= 0.04
     assert first["ratio"]["rotation_deg"]["rms"] == 1
-    assert [each["name"] for each in peers] == PEERS
+    assert [item["name"] for item in peers] == PEERS
     for peer in peers:
         # 6.5 and more over 200 views; of 20 views each with its own luck.
         assert peer["common"]["rotation_deg"]["rms"] >= 2 * first["common"]["rotation_deg"]["rms"]
@@ -122,7 +122,7 @@ def test_with_the_same_refiner_every_pattern_is_near_its_bound(results):
 def test_patterns_have_their_bound_and_their_ink(results):
     dots, *peers = results.found["contestants"]
     # More for tags than for five dots, less for a board.
-    aruco, april, charuco = (each["pattern_bound"]["rotation_deg"] for each in peers)
+    aruco, april, charuco = (peer["pattern_bound"]["rotation_deg"] for peer in peers)
     assert charuco < dots["pattern_bound"]["rotation_deg"] < april < aruco
     for entry in results.found["contestants"]:
         assert entry["rotation_deg"]["rms"] > 0.6 * entry["bound"]["rotation_deg"]
@@ -167,10 +167,10 @@ def test_processor_time_is_printed_but_not_saved(timed):
 
 
 def test_results_are_plain_json_and_add_up(results):
-    found = json.loads(json_bytes(results.found))
-    assert found["views"]["count"] == VIEWS
-    common = found["views"]["common"]
-    for entry in found["contestants"]:
+    findings = json.loads(json_bytes(results.found))
+    assert findings["views"]["count"] == VIEWS
+    common = findings["views"]["common"]
+    for entry in findings["contestants"]:
         assert entry["count"] == VIEWS
         assert entry["detected"] + sum("pose has failed" not in f["reason"] for f in entry["failures"]) == VIEWS
         assert entry["rotation_deg"]["count"] == entry["detected"] - entry["failed"]
@@ -238,8 +238,8 @@ def test_same_seed_same_bytes_with_any_number_of_processes(path, few_tuning_view
 @pytest.mark.long
 def test_noise_and_poses_are_the_same_for_all(path, few_tuning_views):
     # A square that is named twice in different words is the same marker, and everything about it comes out the same.
-    found = compare(["ngon:4", "square"], views=6, workers=1)
-    ngon, square = found["contestants"]
+    comparison = compare(["ngon:4", "square"], views=6, workers=1)
+    ngon, square = comparison["contestants"]
     for key in ("rotation_deg", "translation_pct", "point_px", "by_polar_angle"):
         assert ngon[key] == square[key]
 
@@ -279,25 +279,25 @@ def test_ratio_and_its_interval():
 @pytest.mark.long
 def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views, monkeypatch):
     monkeypatch.setattr(SquareTag, "sight", lambda *_: SimpleNamespace(rotation=None, translation=None, reason="blind"))
-    found = compare([path, "square", "aruco:DICT_4X4_50"], views=4, workers=1)
-    assert found["views"]["common"] == 4
-    last = found["contestants"][-1]
+    comparison = compare([path, "square", "aruco:DICT_4X4_50"], views=4, workers=1)
+    assert comparison["views"]["common"] == 4
+    last = comparison["contestants"][-1]
     assert (last["rate"], last["rotation_deg"]["count"], last["ratio"]["rotation_deg"]) == (0, 0, None)
     assert {failure["reason"] for failure in last["failures"]} == {"blind"}
-    json_bytes(found)
-    for title, header, rows, caption in tables_of(found):
+    json_bytes(comparison)
+    for title, header, rows, caption in tables_of(comparison):
         assert title
         assert isinstance(caption, str)
         assert {len(row) for row in rows} == {len(header)}
-    assert comparison_figure(found).get_axes()
+    assert comparison_figure(comparison).get_axes()
 
 
 def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch):
     honest = DotBody.sight
 
     def careless(*arguments):
-        found = honest(*arguments)
-        return replace(found, pixels=np.roll(found.pixels, 1, axis=0))
+        finding = honest(*arguments)
+        return replace(finding, pixels=np.roll(finding.pixels, 1, axis=0))
 
     monkeypatch.setattr(DotBody, "sight", careless)
     first = compare([path, "square"], views=3, poses=FAR, workers=1)["contestants"][0]
@@ -306,14 +306,14 @@ def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch)
 
 
 def test_tables_name_everyone_and_everything(results):
-    found = results.found
-    for _, header, rows, _ in tables_of(found):
+    outcome = results.found
+    for _, header, rows, _ in tables_of(outcome):
         assert [row[0] for row in rows] == ["marker.json", *PEERS]
         assert {len(row) for row in rows} == {len(header)}
-    assert "400 poses (paper), in a " + sentence("disk", "150 mm") in heading(found)
-    lines = sentences(found)
+    assert "400 poses (paper), in a " + sentence("disk", "150 mm") in heading(outcome)
+    lines = sentences(outcome)
     assert len(lines) == 5
-    for entry, line in zip(found["contestants"], lines, strict=False):
+    for entry, line in zip(outcome["contestants"], lines, strict=False):
         assert entry["setting"] in line
     assert "hits all alike" in lines[-1]
 
@@ -344,7 +344,7 @@ def test_pictures(results, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"views": 0}, "one or more views"),
         ({"seed": -1}, "seed of 0 or more"),
@@ -353,8 +353,8 @@ def test_pictures(results, tmp_path):
         ({"print_sigma": float("nan")}, "print error of 0 or more"),
     ],
 )
-def test_impossible_requests_are_refused(options, said, path):
-    with pytest.raises(InputError, match=said):
+def test_impossible_requests_are_refused(options, message, path):
+    with pytest.raises(InputError, match=message):
         compare([path, "square"], **options)
 
 

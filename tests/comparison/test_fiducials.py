@@ -78,27 +78,27 @@ def test_without_the_correction_apriltag_is_off_by_half_a_pixel(tag_views, monke
 
 def test_corners_have_the_order_of_the_tag(tag_views):
     for image, truth in tag_views:
-        found = find(image, TAG, FiducialSettings("apriltag"), factor=2)
-        assert found.ids.tolist() == [0, 1, 2, 3]
+        result = find(image, TAG, FiducialSettings("apriltag"), factor=2)
+        assert result.ids.tolist() == [0, 1, 2, 3]
         # Measured: 0.06 px RMS; corners in another order would be tens of px off.
-        assert np.abs(found.pixels - truth).max() < 0.5
+        assert np.abs(result.pixels - truth).max() < 0.5
 
 
 @pytest.mark.parametrize("settings", TAG_SETTINGS.values(), ids=TAG_SETTINGS)
 def test_every_setting_finds_a_tag(settings, tag_views):
     image, truth = tag_views[3]
-    found = detect_fiducial(image, TAG, settings, PAPER_CAMERA)
-    assert not found.reason
+    finding = detect_fiducial(image, TAG, settings, PAPER_CAMERA)
+    assert not finding.reason
     # Unrefined corners are those of pixels, and enlarged ones no better.
-    assert np.linalg.norm(found.pixels - truth, axis=-1).max() < 2.5
+    assert np.linalg.norm(finding.pixels - truth, axis=-1).max() < 2.5
 
 
 @pytest.mark.parametrize("settings", BOARD_SETTINGS.values(), ids=BOARD_SETTINGS)
 def test_every_setting_finds_a_board(settings, board_views):
     image, truth = board_views[1]
-    found = detect_fiducial(image, BOARD, settings, PAPER_CAMERA)
-    assert len(found.ids) >= 12
-    assert np.linalg.norm(found.pixels - truth[found.ids], axis=-1).max() < 0.5
+    finding = detect_fiducial(image, BOARD, settings, PAPER_CAMERA)
+    assert len(finding.ids) >= 12
+    assert np.linalg.norm(finding.pixels - truth[finding.ids], axis=-1).max() < 0.5
 
 
 def test_no_setting_stands_twice():
@@ -112,9 +112,9 @@ def test_a_board_partly_covered_has_the_ids_of_what_is_seen():
     columns = np.sort(truth[:, 0])
     less, more = image.copy(), image.copy()
     less[:, : int(columns[5])] = 225
-    found = find(less, BOARD, settings, factor=2)
-    assert 4 <= len(found.ids) < 16
-    assert np.linalg.norm(found.pixels - truth[found.ids], axis=-1).max() < 1
+    result = find(less, BOARD, settings, factor=2)
+    assert 4 <= len(result.ids) < 16
+    assert np.linalg.norm(result.pixels - truth[result.ids], axis=-1).max() < 1
     more[:, : int(columns[12])] = 225
     assert "inner corners" in find(more, BOARD, settings, factor=2).reason
 
@@ -122,9 +122,9 @@ def test_a_board_partly_covered_has_the_ids_of_what_is_seen():
 def test_a_lens_that_bends_is_allowed_for():
     bent = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.3, 0.1, 0.0, 0.0)))
     image, truth = view(BOARD, 66, camera=bent)
-    found = find(image, BOARD, FiducialSettings("subpix", calibrated=True), bent, 2)
-    assert len(found.ids) >= 12
-    assert np.linalg.norm(found.pixels - truth[found.ids], axis=-1).max() < 0.3
+    result = find(image, BOARD, FiducialSettings("subpix", calibrated=True), bent, 2)
+    assert len(result.ids) >= 12
+    assert np.linalg.norm(result.pixels - truth[result.ids], axis=-1).max() < 0.3
     fisheye = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("equidistant", (0.0, 0.0, 0.0, 0.0)))
     image, truth = view(BOARD, 66, camera=fisheye)
     assert find(image, BOARD, FiducialSettings("subpix", calibrated=True), fisheye, 2).reason == ""
@@ -143,6 +143,6 @@ def test_images_without_any_are_no_error(shape, settings):
     noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     for image in (np.zeros(shape, dtype=np.uint8), noise):
         for fiducial in (TAG, BOARD):
-            found = detect_fiducial(image, fiducial, settings, PAPER_CAMERA)
-            assert (len(found.ids), found.pixels.shape) == (0, (0, 2))
-            assert found.reason
+            finding = detect_fiducial(image, fiducial, settings, PAPER_CAMERA)
+            assert (len(finding.ids), finding.pixels.shape) == (0, (0, 2))
+            assert finding.reason

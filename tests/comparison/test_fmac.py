@@ -102,16 +102,16 @@ def test_parts_are_kept_and_a_run_goes_on(tmp_path, few_settings, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("texts", "given", "views", "message"),
+    ("texts", "stated", "views", "message"),
     [
         (["checkerboard:9x9", "square"], {"square": SQUARE}, 10, "square tag"),
         (["wide", "square"], {"square": SQUARE, "wide": replace(SQUARE, boundary=room(0.06))}, 10, "50 mm"),
         (["square", "aruco:DICT_4X4_50"], {"square": SQUARE}, 0, "10000 views"),
     ],
 )
-def test_others_are_refused(texts, given, views, message):
+def test_others_are_refused(texts, stated, views, message):
     with pytest.raises(InputError, match=message):
-        fmac(texts, views=views, given=given)
+        fmac(texts, views=views, given=stated)
 
 
 @pytest.mark.long

@@ -37,7 +37,7 @@ def test_print_errors_move_what_is_seen():
     assert moved.std() == pytest.approx(1e-3, rel=0.4)
     image = contestant.render(PAPER_CAMERA, (rotation, translation), Optics(), np.random.default_rng(0), moved)
     seen = contestant.sight(image, PAPER_CAMERA, {}, 1e-3)
-    there = [each.to_body(np.column_stack([part, np.zeros(6)])) for each, part in _moved(moved)]
+    there = [item.to_body(np.column_stack([part, np.zeros(6)])) for item, part in _moved(moved)]
     pixels = PAPER_CAMERA.project(np.concatenate(there), rotation[None], translation[None])[0]
     np.testing.assert_allclose(seen.pixels, pixels[seen.ids], atol=0.2)
 
@@ -48,13 +48,15 @@ def _pose():
 
 
 def _moved(moved):
-    return [(each, each.marker.xyz[:, :2] + part) for each, part in zip(RIG.markers, np.split(moved, 6), strict=True)]
+    return [
+        (marker, marker.marker.xyz[:, :2] + part) for marker, part in zip(RIG.markers, np.split(moved, 6), strict=True)
+    ]
 
 
 def test_ink_and_size():
     dots, tags = DotBody("rig", RIG), TagBody.on(RIG, "aruco:DICT_4X4_50:3")
     assert dots.area(1.0) == pytest.approx(6 * 0.08**2)
-    points = [point.feature for each in RIG.markers for point in each.marker.control_points]
+    points = [point.feature for marker in RIG.markers for point in marker.marker.control_points]
     area = np.pi / 4 * sum(p.diameter**2 - p.inner_diameter**2 for p in points)
     assert dots.ink(1.0) == pytest.approx(area, rel=1e-2)
     assert [tag.id for tag in tags.tags] == [3, 4, 5, 6, 7, 8]
@@ -64,7 +66,7 @@ def test_ink_and_size():
 
 def test_rigs_are_compared_with_rigs():
     contestants, setting = line_up(["here", "apriltag:36h11"], AROUND, given={"here": RIG})
-    assert [each.name for each in contestants] == ["here", "apriltag:36h11"]
+    assert [contestant.name for contestant in contestants] == ["here", "apriltag:36h11"]
     assert len(setting.poses) == 6
     assert len(line_up(["here"], AROUND, given={"here": RIG})[0]) == 3
     with pytest.raises(InputError, match="of its plates"):
@@ -73,9 +75,9 @@ def test_rigs_are_compared_with_rigs():
 
 @pytest.mark.long
 def test_comparison_of_a_cube_with_tags():
-    found = mg.compare(RIG, scattered(0), "aruco:DICT_4X4_50", views=10, poses=AROUND)
-    own, _, tags = found.contestants.values()
-    assert own["detected"] == tags["detected"] == 10
-    assert own["wrong"] == tags["wrong"] == 0
-    assert tags["rotation_deg"]["rms"] > own["rotation_deg"]["rms"]
-    assert own["pattern_bound"]["rotation_deg"] is None
+    comparison = mg.compare(RIG, scattered(0), "aruco:DICT_4X4_50", views=10, poses=AROUND)
+    ours, _, tags = comparison.contestants.values()
+    assert ours["detected"] == tags["detected"] == 10
+    assert ours["wrong"] == tags["wrong"] == 0
+    assert tags["rotation_deg"]["rms"] > ours["rotation_deg"]["rms"]
+    assert ours["pattern_bound"]["rotation_deg"] is None

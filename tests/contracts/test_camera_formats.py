@@ -49,10 +49,10 @@ def test_what_is_written_is_read_back(tmp_path, name, ending, camera):
     assert (back.width, back.height) == (640, 480)
     # By name, both for the camera that is in the file and for the one that was written.
     np.testing.assert_allclose(read_camera_covariance(path, camera), covariance, rtol=1e-12)
-    found = camera_covariance(None, path, back)
-    places = [back.parameter_names.index(each) for each in camera.parameter_names]
-    np.testing.assert_allclose(found[np.ix_(places, places)], covariance, rtol=1e-12)
-    assert np.count_nonzero(found) == np.count_nonzero(covariance)
+    results = camera_covariance(None, path, back)
+    places = [back.parameter_names.index(parameter_name) for parameter_name in camera.parameter_names]
+    np.testing.assert_allclose(results[np.ix_(places, places)], covariance, rtol=1e-12)
+    assert np.count_nonzero(results) == np.count_nonzero(covariance)
     data = path.read_bytes()
     camera.save(path, covariance, rms=0.125)
     assert path.read_bytes() == data

@@ -96,15 +96,15 @@ def test_every_command_with_results_is_listed():
 # A study draws its figures, which takes seconds.
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long) if k == "study" else k for k in COMMANDS])
 def test_results_are_json_on_standard_output_or_in_a_file_and_nothing_is_said(name, here, capfd):
-    words = [name, *COMMANDS[name].split(), "--quiet"]
-    assert main([*words, "--json", "-"]) == 0
-    said, complaints = capfd.readouterr()
-    results = json.loads(said)
+    arguments = [name, *COMMANDS[name].split(), "--quiet"]
+    assert main([*arguments, "--json", "-"]) == 0
+    output, complaints = capfd.readouterr()
+    results = json.loads(output)
     first = results[0] if isinstance(results, list) else results
     assert KEYS[name] <= set(first)
     assert complaints == ""
     shutil.rmtree("swept", ignore_errors=True)
-    assert main([*words, "--json", "results.json"]) == 0
+    assert main([*arguments, "--json", "results.json"]) == 0
     assert capfd.readouterr() == ("", "")
     # Durations aside, the same input gives the same results.
     again = json.loads((here / "results.json").read_text())
@@ -116,8 +116,8 @@ def test_results_are_json_on_standard_output_or_in_a_file_and_nothing_is_said(na
 def test_a_file_for_results_that_cannot_be_written_ends_the_command_before_any_work(name, here, capfd):
     before = sorted(here.rglob("*"))
     assert main([name, *COMMANDS[name].split(), "--json", "nowhere/results.json"]) == 2
-    said, complaints = capfd.readouterr()
-    assert said == ""
+    output, complaints = capfd.readouterr()
+    assert output == ""
     assert complaints.count("\n") == 1
     assert "nowhere" in complaints
     assert sorted(here.rglob("*")) == before

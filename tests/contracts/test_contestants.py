@@ -40,7 +40,7 @@ SILENT = Optics(noise_grey=0)
 def made():
     texts = [text for name, text in EXAMPLES.items() if name not in MODULES or find_spec(MODULES[name])]
     contestants, _ = line_up(texts)
-    return {each.name.partition(":")[0]: each for each in contestants}
+    return {contestant.name.partition(":")[0]: contestant for contestant in contestants}
 
 
 @pytest.fixture
@@ -58,15 +58,15 @@ def best_sighting(contestant, pose, camera=PAPER_CAMERA):
     image = contestant.render(camera, pose, SILENT, np.random.default_rng(0), exact(contestant))
     choices = [{"detector": row} for row in contestant.settings.get("detector", [])]
     choices += [{"refiner": row} for row in contestant.settings.get("refiner", [])]
-    found = [contestant.sight(image, camera, choice, 0.0) for choice in choices or [{}]]
-    turned = [
-        (rotation_error_deg(each.rotation @ turn.T, pose[0]), each, turn)
-        for each in found
-        if each.rotation is not None
-        for turn in (rotation_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns))
+    findings = [contestant.sight(image, camera, choice, 0.0) for choice in choices or [{}]]
+    rotated = [
+        (rotation_error_deg(item.rotation @ rotation.T, pose[0]), item, rotation)
+        for item in findings
+        if item.rotation is not None
+        for rotation in (rotation_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns))
     ]
-    assert turned, {each.reason for each in found}
-    return min(turned, key=lambda each: each[0])
+    assert rotated, {item.reason for item in findings}
+    return min(rotated, key=lambda item: item[0])
 
 
 def test_every_kind_has_an_example_here():
@@ -87,12 +87,12 @@ def test_its_form_is_listed(name):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_it_is_found_where_it_is(name, contestant):
     pose = POSES.rotation[POSE], POSES.translation[POSE]
-    error, found, turn = best_sighting(contestant, pose)
+    error, result, rotation = best_sighting(contestant, pose)
     assert error < WORST_DEG.get(name, 0.2)
-    assert len(set(found.ids.tolist())) == len(found.ids) == len(found.pixels)
-    truth = project(contestant.points @ turn.T, pose[0][None], pose[1][None], PAPER_CAMERA.matrix)[0, found.ids]
-    assert np.linalg.norm(found.pixels - truth, axis=-1).max() < WORST_PX.get(name, 0.6)
-    assert np.abs(np.median(found.pixels - truth, axis=0)).max() < OFFSET_PX
+    assert len(set(result.ids.tolist())) == len(result.ids) == len(result.pixels)
+    truth = project(contestant.points @ rotation.T, pose[0][None], pose[1][None], PAPER_CAMERA.matrix)[0, result.ids]
+    assert np.linalg.norm(result.pixels - truth, axis=-1).max() < WORST_PX.get(name, 0.6)
+    assert np.abs(np.median(result.pixels - truth, axis=0)).max() < OFFSET_PX
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -112,10 +112,10 @@ def test_it_fills_the_circle_and_has_ink_in_it(name, contestant):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_it_fits_on_a_plate_that_is_no_disk(name):
     plate = polygon_from([np.array([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]])])
-    found = KINDS[name](EXAMPLES[name], Arena(Setting(plate, PAPER_CAMERA, POSES)))
-    if found.absent:
-        pytest.skip(found.absent)
-    patches = found.patches(PAPER_CAMERA, (POSES.rotation[0], POSES.translation[0]), exact(found))
+    result = KINDS[name](EXAMPLES[name], Arena(Setting(plate, PAPER_CAMERA, POSES)))
+    if result.absent:
+        pytest.skip(result.absent)
+    patches = result.patches(PAPER_CAMERA, (POSES.rotation[0], POSES.translation[0]), exact(result))
     ink = np.concatenate([outline for patch in patches if patch.reflectance == 0 for outline in patch.outlines])
     # It may lie across the plate, and somewhere else on it.
     sides = np.sort(np.ptp(ink[:, :2], axis=0))
@@ -128,13 +128,13 @@ def test_a_print_error_displaces_its_ink(name, contestant):
     rng = np.random.default_rng(1)
     moved = contestant.print_error(1e-3, rng)
     assert moved.shape[1] == 2
-    shift = np.broadcast_to([2e-3, -1e-3], moved.shape)
+    offset = np.broadcast_to([2e-3, -1e-3], moved.shape)
     pose = POSES.rotation[0], POSES.translation[0]
     ends = [
         np.concatenate(
-            [o for p in contestant.patches(PAPER_CAMERA, pose, each) if p.reflectance == 0 for o in p.outlines]
+            [o for p in contestant.patches(PAPER_CAMERA, pose, item) if p.reflectance == 0 for o in p.outlines]
         )
-        for each in (exact(contestant), np.array(shift))
+        for item in (exact(contestant), np.array(offset))
     ]
     assert ends[1] - ends[0] == pytest.approx(np.broadcast_to([2e-3, -1e-3, 0], ends[0].shape), abs=1e-9)
 
@@ -142,9 +142,9 @@ def test_a_print_error_displaces_its_ink(name, contestant):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_nothing_is_found_in_nothing(name, contestant):
     nothing = np.full((480, 640), 225, dtype=np.uint8)
-    found = contestant.sight(nothing, PAPER_CAMERA, {}, 0.0)
-    assert found.rotation is None
-    assert found.reason
+    result = contestant.sight(nothing, PAPER_CAMERA, {}, 0.0)
+    assert result.rotation is None
+    assert result.reason
     assert contestant.size
     assert contestant.describe({})
 
@@ -153,9 +153,9 @@ def test_nothing_is_found_in_nothing(name, contestant):
 def test_every_setting_has_words_of_its_own(name, contestant):
     tables = contestant.settings
     first = contestant.describe({})
-    words = {contestant.describe({name: row}) for name, rows in tables.items() for row in rows}
+    phrase = {contestant.describe({name: row}) for name, rows in tables.items() for row in rows}
     # Every row but the first of each table changes the description of the first setting.
-    assert len(words - {first}) == sum(len(rows) - 1 for rows in tables.values())
+    assert len(phrase - {first}) == sum(len(rows) - 1 for rows in tables.values())
     assert not contestant.absent
     assert contestant.turns in (1, 2, 4)
 
@@ -169,10 +169,10 @@ def test_without_its_library_it_says_what_to_install(name, monkeypatch):
     from markergen.model.spec import Spec
 
     arena = Arena(Setting(Spec().boundary, PAPER_CAMERA, POSES))
-    found = KINDS[name](EXAMPLES[name], arena)
-    assert isinstance(found, Absent)
-    assert found.absent == f"needs {KINDS[name].requires}: pip install ./detector '.[peers]'"
-    assert found.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, {}, 0.0).reason == found.absent
+    finding = KINDS[name](EXAMPLES[name], arena)
+    assert isinstance(finding, Absent)
+    assert finding.absent == f"needs {KINDS[name].requires}: pip install ./detector '.[peers]'"
+    assert finding.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, {}, 0.0).reason == finding.absent
 
 
 @pytest.mark.long

@@ -85,9 +85,9 @@ def test_rotations_are_rotations_and_finite(name):
     """
     batch = see(regular(5), paper_roll())
     noise = 0.2 * np.random.default_rng(0).normal(size=batch.image_points.shape)
-    found = Correspondences(regular(5), batch.image_points + noise, PAPER_CAMERA).once(ESTIMATORS[name])
-    rotation = found.best[0]
-    assert np.isfinite(found.translation[:, 0]).all()
+    result = Correspondences(regular(5), batch.image_points + noise, PAPER_CAMERA).once(ESTIMATORS[name])
+    rotation = result.best[0]
+    assert np.isfinite(result.translation[:, 0]).all()
     assert np.allclose(rotation @ rotation.swapaxes(-1, -2), np.eye(3), atol=1e-9)
     assert np.allclose(np.linalg.det(rotation), 1, atol=1e-9)
 
@@ -98,14 +98,14 @@ def test_shapes(name, trials):
     poses = paper()
     points = regular(6)
     pixels = project(points, poses.rotation[:trials], poses.translation[:trials], PAPER_CAMERA.matrix)
-    found = Correspondences(points, pixels, PAPER_CAMERA).once(ESTIMATORS[name])
+    result = Correspondences(points, pixels, PAPER_CAMERA).once(ESTIMATORS[name])
     if name in HOMOGRAPHY_NAMES:
-        assert found.shape == (trials, 3, 3)
+        assert result.shape == (trials, 3, 3)
         return
-    solutions = found.rotation.shape[1]
+    solutions = result.rotation.shape[1]
     assert solutions >= 1
-    assert found.rotation.shape == (trials, solutions, 3, 3)
-    assert found.translation.shape == (trials, solutions, 3)
+    assert result.rotation.shape == (trials, solutions, 3, 3)
+    assert result.translation.shape == (trials, solutions, 3)
 
 
 @pytest.mark.parametrize("name", POSE_NAMES)
@@ -114,18 +114,18 @@ def test_solutions_come_best_first(name):
     batch = see(scattered(5), poses)
     noisy = batch.image_points + np.random.default_rng(0).normal(size=batch.image_points.shape)
     batch = Correspondences(batch.object_points, noisy, PAPER_CAMERA)
-    found = batch.once(ESTIMATORS[name])
+    result = batch.once(ESTIMATORS[name])
     errors = np.stack(
         [
-            batch.reprojection_error(found.rotation[:, k], found.translation[:, k])
-            for k in range(found.rotation.shape[1])
+            batch.reprojection_error(result.rotation[:, k], result.translation[:, k])
+            for k in range(result.rotation.shape[1])
         ]
     )
     assert np.array_equal(errors[0], errors.min(axis=0))
 
 
-def translation_or_homography(found):
-    return found if isinstance(found, np.ndarray) else found.translation
+def translation_or_homography(result):
+    return result if isinstance(result, np.ndarray) else result.translation
 
 
 @pytest.mark.parametrize("name", ESTIMATORS.names())
@@ -138,15 +138,15 @@ def test_points_that_determine_nothing_give_nan(name, points):
     poses = paper()
     pixels = project(points, poses.rotation[::50], poses.translation[::50], PAPER_CAMERA.matrix)
     pixels = pixels + np.random.default_rng(0).normal(size=pixels.shape)
-    found = Correspondences(points, pixels, PAPER_CAMERA).once(ESTIMATORS[name])
-    assert np.isnan(translation_or_homography(found)).all()
+    result = Correspondences(points, pixels, PAPER_CAMERA).once(ESTIMATORS[name])
+    assert np.isnan(translation_or_homography(result)).all()
 
 
 @pytest.mark.parametrize("name", ESTIMATORS.names())
 def test_three_of_four_points_on_a_line_raise_nothing(name):
     points = np.array([[0, 0], [0.05, 0], [0.1, 0], [0, 0.1]])
-    found = see(points, paper()).once(ESTIMATORS[name])
-    assert len(translation_or_homography(found)) == 400
+    result = see(points, paper()).once(ESTIMATORS[name])
+    assert len(translation_or_homography(result)) == 400
 
 
 @pytest.mark.parametrize("name", ESTIMATORS.names())
@@ -157,11 +157,11 @@ def test_a_bad_trial_does_not_spoil_its_neighbors(name):
     pixels = batch.image_points[40:45].copy()
     pixels[0], pixels[1] = 7.0, np.outer(np.arange(4), [3.0, 1.0])
     pixels[2, 0, 0], pixels[3, 1, 1] = np.nan, np.inf
-    found = translation_or_homography(Correspondences(regular(4), pixels, PAPER_CAMERA).once(ESTIMATORS[name]))
-    assert np.isnan(found[:4]).all()
-    k = found.shape[1]
+    results = translation_or_homography(Correspondences(regular(4), pixels, PAPER_CAMERA).once(ESTIMATORS[name]))
+    assert np.isnan(results[:4]).all()
+    k = results.shape[1]
     # Batches of other sizes may round otherwise.
-    assert np.allclose(found[4], alone[4][:k], rtol=1e-7, atol=1e-9, equal_nan=True)
+    assert np.allclose(results[4], alone[4][:k], rtol=1e-7, atol=1e-9, equal_nan=True)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS.names())

@@ -70,8 +70,8 @@ def others():
 def elsewhere(tmp_path_factory):
     """Folder with what another process writes, where sets have another order."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    words = [sys.executable, "-c", OTHER_PROCESS, str(folder), *SUFFIXES]
-    subprocess.run(words, input=to_json(MARKER), check=True, env={**os.environ, "PYTHONHASHSEED": "4"})
+    arguments = [sys.executable, "-c", OTHER_PROCESS, str(folder), *SUFFIXES]
+    subprocess.run(arguments, input=to_json(MARKER), check=True, env={**os.environ, "PYTHONHASHSEED": "4"})
     return folder
 
 
@@ -93,7 +93,7 @@ def test_suffixes_are_lower_case_with_a_dot(suffix):
 def test_says_what_it_is_for_in_a_list_of_all(suffix):
     exporter = EXPORTERS[suffix]
     assert isinstance(exporter, Exporter)
-    assert (suffix, exporter.description) in [(each, words) for suffixes, words in catalog() for each in suffixes]
+    assert (suffix, exporter.description) in [(item, phrase) for suffixes, phrase in catalog() for item in suffixes]
     assert exporter.description == exporter.description.strip(" .")
     assert not (exporter.many_pages and not exporter.sheet)
     assert exporter.holds == "flat" or not exporter.sheet

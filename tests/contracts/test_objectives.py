@@ -82,11 +82,11 @@ def test_a_criterion_has_a_column_and_is_the_objective(setting, name):
         return
     every = columns()
     assert every[name] is kind.criterion
-    assert len({each.key for each in every.values()}) == len({each.column for each in every.values()}) == len(every)
+    assert len({item.key for item in every.values()}) == len({item.column for item in every.values()}) == len(every)
     assert kind.criterion.title.isprintable()
     points = np.random.default_rng(4).uniform(-0.1, 0.1, (2, 6, 2))
-    found = [row[kind.criterion.key] for row in criteria(points, setting)]
-    np.testing.assert_allclose(found, kind(setting)(points), rtol=1e-9)
+    result = [row[kind.criterion.key] for row in criteria(points, setting)]
+    np.testing.assert_allclose(result, kind(setting)(points), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", list(OBJECTIVES))

@@ -76,8 +76,8 @@ def here(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(site, here):
-    def run(words, status=0, folders=(site,)):
-        command = [sys.executable, "-W", "error", *FORMER, "-m", "markergen", *words.split()]
+    def run(arguments, status=0, folders=(site,)):
+        command = [sys.executable, "-W", "error", *FORMER, "-m", "markergen", *arguments.split()]
         done = subprocess.run(command, cwd=here, env=environment(*folders), capture_output=True, text=True)
         assert done.returncode == status, done.stderr
         assert "plug-in" not in done.stderr
@@ -115,15 +115,17 @@ def test_the_snippets_of_the_documentation_run():
 
 @pytest.mark.long
 def test_a_design_with_objective_and_poses_of_a_package(run, here):
-    said = run("design --n 4 --objective volume --poses helix:count=20 --restarts 1 -o d.json -o d.xyz --details")
-    assert "volume mrad" in said
-    assert "seen from 20 poses (helix:turns=3,count=20)" in said
+    message = run("design --n 4 --objective volume --poses helix:count=20 --restarts 1 -o d.json -o d.xyz --details")
+    assert "volume mrad" in message
+    assert "seen from 20 poses (helix:turns=3,count=20)" in message
     provenance = json.loads((here / "d.json").read_text())["provenance"]
     assert provenance["criteria"]["design"]["volume_mrad"] > 0
     assert provenance["spec"]["poses"] == "helix:turns=3,count=20"
     assert np.loadtxt(here / "d.xyz").shape == (4, 3)
-    said = run("design --n 5 --objective volume --poses helix:count=10 --survive 1 --restarts 1 -o lost.json --details")
-    assert "objective volume after" in said
+    message = run(
+        "design --n 5 --objective volume --poses helix:count=10 --survive 1 --restarts 1 -o lost.json --details"
+    )
+    assert "objective volume after" in message
 
 
 @pytest.mark.long
@@ -131,8 +133,8 @@ def test_estimators_in_worker_processes(run, here):
     run("validate plain.json --poses helix:count=12 --runs 20 --views 0 --workers 2 --json two.json")
     run("validate plain.json --poses helix:count=12 --runs 20 --views 0 --workers 1 --json one.json")
     assert (here / "one.json").read_bytes() == (here / "two.json").read_bytes()
-    found = json.loads((here / "two.json").read_text())["estimators"]
-    refined, lm = (found[name]["rotation_deg"]["rms"] for name in ("refined", "lm"))
+    results = json.loads((here / "two.json").read_text())["estimators"]
+    refined, lm = (results[name]["rotation_deg"]["rms"] for name in ("refined", "lm"))
     assert refined == pytest.approx(lm, rel=0.1)
 
 
@@ -148,10 +150,10 @@ def test_a_lens_from_a_camera_file_to_the_detector(run, here):
 
 
 def test_a_process_and_a_format(run, here):
-    said = run("export plain.json -o m.xyz -o m.fab.pdf -o m.dxf --process etch")
-    assert "5 points in m." in said
-    assert "(etch: etched plate)" in said
-    assert "the plate's outline" in said
+    message = run("export plain.json -o m.xyz -o m.fab.pdf -o m.dxf --process etch")
+    assert "5 points in m." in message
+    assert "(etch: etched plate)" in message
+    assert "the plate's outline" in message
     assert "--fit with --process cnc, found --process etch" in run(
         "export plain.json -o m.dxf --process etch --fit slip", 2
     )
@@ -167,7 +169,7 @@ for line in sys.stdin.read().splitlines():
 
 def test_names_of_plug_ins_are_among_the_known_ones(run, site, here):
     (here / "wrong.yaml").write_text(CAMERA.replace("field_of_view", "omni"))
-    known = {
+    reference = {
         "design --objective volum -o no.json": "volume",
         "design --poses helicopter -o no.json": "helix:turns=N,count=N",
         "export plain.json -o m.step --process etsch": "did you mean 'etch'?",
@@ -176,9 +178,9 @@ def test_names_of_plug_ins_are_among_the_known_ones(run, site, here):
     }
     command = [sys.executable, "-W", "error", *FORMER, "-c", SEVERAL]
     options = {"cwd": here, "env": environment(site), "capture_output": True, "text": True}
-    done = subprocess.run(command, input="\n".join(known), **options)
+    done = subprocess.run(command, input="\n".join(reference), **options)
     assert done.returncode == 0, done.stderr
-    for line, name in zip(done.stderr.splitlines(), known.values(), strict=True):
+    for line, name in zip(done.stderr.splitlines(), reference.values(), strict=True):
         assert name in line
     # Without the package, a marker that needs it says what is missing.
     marker = json.loads((here / "plain.json").read_text())
@@ -210,7 +212,7 @@ def test_plug_ins_keep_the_contracts_of_their_tables(site):
     # Of formats the tests that write no solids of all the others.
     formats = "(xyz and (list or bare or relief or several or suffixes))"
     chosen = " or ".join([*(name for name in least if name != "xyz"), formats, "(exact_without_noise and gon)"])
-    suites = [f"tests/contracts/test_{each}.py" for each in
+    suites = [f"tests/contracts/test_{item}.py" for item in
               ("objectives", "estimators", "lenses", "processes", "poses", "exporters")]  # fmt: skip
     options = ["-p", "no:cacheprovider", "-vv", "--no-header", *FORMER, "-k", chosen]
     command = [sys.executable, "-m", "pytest", *options, *suites]

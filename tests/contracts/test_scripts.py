@@ -70,11 +70,11 @@ def here(tmp_path, make_ngon):
     return tmp_path
 
 
-def run(here, *words):
-    command = [sys.executable, "-W", "error", "script.py", *words]
+def run(here, *phrase):
+    command = [sys.executable, "-W", "error", "script.py", *phrase]
     done = subprocess.run(command, cwd=here, env=environment(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    table = (here / words[0] / "table.csv").read_text()
+    table = (here / phrase[0] / "table.csv").read_text()
     assert table.count(",all,mine,") == 1
     return table
 

@@ -43,10 +43,14 @@ def test_photo_of_the_marker(detector, photo):
     assert outcome.size == (640, 480)
     (entry,) = json.loads(Outcomes((outcome.without_image(),)).to_json())
     assert (entry["image"], entry["size"], entry["error"]) == (str(photo), [640, 480], None)
-    (found,) = entry["markers"]
-    assert (found["marker"], found["found"], found["missing"]) == (str(photo.with_name("marker.json")), True, [])
-    assert found["ids"] == [10, 11, 12, 13, 14]
-    pose = found["pose"]
+    (findings,) = entry["markers"]
+    assert (findings["marker"], findings["found"], findings["missing"]) == (
+        str(photo.with_name("marker.json")),
+        True,
+        [],
+    )
+    assert findings["ids"] == [10, 11, 12, 13, 14]
+    pose = findings["pose"]
     # Five times what the image's noise of 2 grey levels was found to cost, 0.03 deg RMS.
     assert np.rad2deg(angle_between(np.array(pose["rotation"]), POSES.rotation[POSE])) < 0.15
     np.testing.assert_allclose(exponential(np.array(pose["rotation_vector"])), pose["rotation"], atol=1e-12)
@@ -64,9 +68,9 @@ def test_photo_of_the_marker(detector, photo):
 
 
 def test_without_a_camera_there_is_a_homography(pentagon, photo):
-    (found,) = look_at(Detector(pentagon), photo).as_dict()["markers"]
-    assert found["pose"] is None
-    homography = np.array(found["homography"])
+    (findings,) = look_at(Detector(pentagon), photo).as_dict()["markers"]
+    assert findings["pose"] is None
+    homography = np.array(findings["homography"])
     origin = homography[:2, 2] / homography[2, 2]
     # The camera looks at the origin.
     np.testing.assert_allclose(origin, [320, 240], atol=0.1)
@@ -78,8 +82,8 @@ def test_one_bad_file_does_not_stop_the_others(detector, photo, tmp_path):
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((480, 640), 200, np.uint8))
     names = ("broken", "small", "empty", "photo")
     outcomes = Outcomes(tuple(look_at(detector, tmp_path / f"{name}.png") for name in names))
-    assert [bool(each.error) for each in outcomes] == [True, True, False, False]
-    assert [each.found for each in outcomes] == [False, False, False, True]
+    assert [bool(item.error) for item in outcomes] == [True, True, False, False]
+    assert [item.found for item in outcomes] == [False, False, False, True]
     assert "640x480" in outcomes[1].error
     assert "64x48" in outcomes[1].error
     assert outcomes[2].markers[0].reason
@@ -94,7 +98,7 @@ def test_one_bad_file_does_not_stop_the_others(detector, photo, tmp_path):
 def test_files_from_python(detector, photo, tmp_path, capfd):
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64), np.uint8))
     images, marker, camera = [photo, str(tmp_path / "small.png")], tmp_path / "marker.json", PAPER_CAMERA
-    told, warned, steps, stream = [], [], [], io.StringIO()
+    output, warned, steps, stream = [], [], [], io.StringIO()
     outcomes = detect_files(
         images,
         marker,
@@ -102,16 +106,16 @@ def test_files_from_python(detector, photo, tmp_path, capfd):
         json=stream,
         overlay=str(tmp_path / "seen"),
         progress=lambda *step: steps.append(step),
-        tell=told.append,
+        tell=output.append,
         warn=warned.append,
     )
-    assert [each.found for each in outcomes] == [True, False]
-    assert all(each.image is None for each in outcomes)
+    assert [item.found for item in outcomes] == [True, False]
+    assert all(item.image is None for item in outcomes)
     assert outcomes.status == 2
-    assert [each["image"] for each in json.loads(stream.getvalue())] == [str(each) for each in images]
+    assert [item["image"] for item in json.loads(stream.getvalue())] == [str(item) for item in images]
     assert [path.name for path in (tmp_path / "seen").iterdir()] == ["photo.png"]
-    assert told[-1] == "found a marker in 1 of 2 images, 1 could not be used" == str(outcomes)
-    assert "5 of 5 dots" in told[0]
+    assert output[-1] == "found a marker in 1 of 2 images, 1 could not be used" == str(outcomes)
+    assert "5 of 5 dots" in output[0]
     assert len(warned) == 1
     assert "small.png" in warned[0]
     assert steps == [("detecting", done, 2) for done in range(3)]
@@ -131,14 +135,14 @@ def test_the_number_of_workers_does_not_show(detector, photo, tmp_path):
         # The first ones take longest.
         cv2.imwrite(str(tmp_path / "shots" / f"{number}.png"), np.roll(image, 5 * number) if number < 3 else 0 * image)
     (tmp_path / "shots" / "3.png").write_bytes(photo.read_bytes()[:300])
-    written, told = [], []
+    written, output = [], []
     for workers in (1, 4):
         stream, lines = io.StringIO(), []
         options = {"workers": workers, "json": stream, "overlay": tmp_path / f"{workers}"}
         detect_files(tmp_path / "shots", tmp_path / "marker.json", PAPER_CAMERA, tell=lines.append, **options)
-        told.append(lines)
-        written.append([stream.getvalue(), *(each.read_bytes() for each in sorted(options["overlay"].iterdir()))])
-    assert told[0] == told[1]
+        output.append(lines)
+        written.append([stream.getvalue(), *(item.read_bytes() for item in sorted(options["overlay"].iterdir()))])
+    assert output[0] == output[1]
     assert written[0] == written[1]
     assert len(written[0]) == 6
     assert os.path.samestat(os.fstat(2), before)
@@ -146,19 +150,19 @@ def test_the_number_of_workers_does_not_show(detector, photo, tmp_path):
 
 def test_what_is_told_while_others_decode_is_not_lost(detector, tmp_path, monkeypatch, capfd):
     """Decoders are kept from standard error, which is that of the whole process."""
-    decoding, told = Event(), Event()
+    decoding, output = Event(), Event()
 
     def look_at(detector, path, deadline=None):
         if path.stem == "slow":
             with quiet:
                 decoding.set()
-                assert told.wait(20)
+                assert output.wait(20)
         assert decoding.wait(20)
         return Outcome(path, None, None, (), (), "for a reason")
 
     def warn(line):
         os.write(2, f"{line}\n".encode())
-        told.set()
+        output.set()
 
     monkeypatch.setattr(batch, "look_at", look_at)
     images = [tmp_path / "fast.png", tmp_path / "slow.png"]

@@ -42,24 +42,24 @@ def look(marker, poses, pose, optics=None, seed=0, camera=PAPER_CAMERA):
     return render_view(marker, camera, poses.rotation[pose], poses.translation[pose], optics or Optics(), rng)
 
 
-def truth(marker, poses, pose, found=None, camera=PAPER_CAMERA):
+def truth(marker, poses, pose, result=None, camera=PAPER_CAMERA):
     """Pixels of the control points that were found."""
     pixels = camera.project(marker.xyz, poses.rotation[[pose]], poses.translation[[pose]])[0]
     ids = [point.id for point in marker.control_points]
-    return pixels if found is None else pixels[[ids.index(i) for i in found.ids]]
+    return pixels if result is None else pixels[[ids.index(i) for i in result.ids]]
 
 
 def errors(marker, poses, chosen, optics=None, camera=PAPER_CAMERA):
     """Errors (m, n, 2) of corrected and of plain centers over the poses where the marker was found; the reasons."""
     corrected, plain, reasons = [], [], []
     for pose in chosen:
-        found = detect(look(marker, poses, pose, optics, camera=camera), marker, camera)
-        if not found.ok or len(found.ids) < len(marker):
-            reasons.append((pose, found.reason, found.ids))
+        finding = detect(look(marker, poses, pose, optics, camera=camera), marker, camera)
+        if not finding.ok or len(finding.ids) < len(marker):
+            reasons.append((pose, finding.reason, finding.ids))
             continue
-        exact = truth(marker, poses, pose, found, camera)
-        corrected.append(found.pixels - exact)
-        plain.append(found.ellipse_centers - exact)
+        exact = truth(marker, poses, pose, finding, camera)
+        corrected.append(finding.pixels - exact)
+        plain.append(finding.ellipse_centers - exact)
     return np.array(corrected), np.array(plain), reasons
 
 
@@ -107,8 +107,8 @@ def test_half_turns_and_frontal_views(pentagon):
 
 
 def test_correction_removes_the_bias_of_near_and_tilted_views(pentagon):
-    near = np.flatnonzero((POSES.polar_angle_deg > 50) & (POSES.translation[:, 2] < 0.7))[::4]
-    corrected, plain, reasons = errors(pentagon, POSES, near)
+    nearby = np.flatnonzero((POSES.polar_angle_deg > 50) & (POSES.translation[:, 2] < 0.7))[::4]
+    corrected, plain, reasons = errors(pentagon, POSES, nearby)
     assert reasons == []
     # The plain center is displaced away from the camera, always toward the same side of the image.
     assert rms(plain) > 0.2
@@ -150,15 +150,15 @@ def test_other_optics(pentagon, optics):
 def test_pose_homography_and_covariance(pentagon):
     nees = []
     for pose in range(0, 400, 11):
-        found = detect(look(pentagon, ROLLED, pose), pentagon, PAPER_CAMERA, EXACT)
-        turn = logarithm(ROLLED.rotation[pose] @ found.pose.rotation.T)
-        error = np.concatenate([turn, ROLLED.translation[pose] - found.pose.translation])
-        nees.append(error @ np.linalg.solve(found.pose.budget.total, error))
+        finding = detect(look(pentagon, ROLLED, pose), pentagon, PAPER_CAMERA, EXACT)
+        rotation = logarithm(ROLLED.rotation[pose] @ finding.pose.rotation.T)
+        error = np.concatenate([rotation, ROLLED.translation[pose] - finding.pose.translation])
+        nees.append(error @ np.linalg.solve(finding.pose.budget.total, error))
         # A DLT of points off by 0.005 px, on the points themselves.
-        mapped = apply_homography(found.homography, pentagon.xyz[:, :2])
+        mapped = apply_homography(finding.homography, pentagon.xyz[:, :2])
         assert np.abs(mapped - truth(pentagon, ROLLED, pose)).max() < 0.05
-        assert found.pixel_covariance.shape == (5, 2, 2)
-        assert np.linalg.eigvalsh(found.pixel_covariance).min() > 0
+        assert finding.pixel_covariance.shape == (5, 2, 2)
+        assert np.linalg.eigvalsh(finding.pixel_covariance).min() > 0
     # Mean of 37 of chi2 with 6 degrees of freedom: 0.57 of scatter, four times that.
     assert abs(np.mean(nees) - 6) < 2.5
 
@@ -167,36 +167,36 @@ def test_pose_homography_and_covariance(pentagon):
 def test_a_hidden_dot_is_left_out(pentagon, hidden):
     points = pentagon.control_points
     covered = Marker(points[:hidden] + points[hidden + 1 :], pentagon.boundary, pentagon.clearance)
-    found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA, EXACT)
-    assert found.ok, found.reason
-    np.testing.assert_array_equal(found.ids, np.delete([10, 11, 12, 13, 14], hidden))
-    assert np.abs(found.pixels - truth(pentagon, POSES, 130, found)).max() < 0.03
-    assert found.pose.degrees_of_freedom == 2
+    finding = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA, EXACT)
+    assert finding.ok, finding.reason
+    np.testing.assert_array_equal(finding.ids, np.delete([10, 11, 12, 13, 14], hidden))
+    assert np.abs(finding.pixels - truth(pentagon, POSES, 130, finding)).max() < 0.03
+    assert finding.pose.degrees_of_freedom == 2
     # 0.005 px on dots 130 px from the middle, with room for four dots' geometry.
-    assert np.rad2deg(angle_between(found.pose.rotation, POSES.rotation[130])) < 0.1
+    assert np.rad2deg(angle_between(finding.pose.rotation, POSES.rotation[130])) < 0.1
 
 
 def test_a_hidden_key_ring_leaves_the_turn_open(pentagon):
     covered = replace(pentagon, control_points=pentagon.control_points[1:])
-    found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA)
-    assert not found.ok
-    assert "ambiguous" in found.reason
-    assert (found.ids.size, found.xyz.size, found.pixels.shape) == (0, 0, (4, 2))
-    assert found.covariance is None
-    assert found.pose is None
-    assert found.homography is None
+    finding = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA)
+    assert not finding.ok
+    assert "ambiguous" in finding.reason
+    assert (finding.ids.size, finding.xyz.size, finding.pixels.shape) == (0, 0, (4, 2))
+    assert finding.covariance is None
+    assert finding.pose is None
+    assert finding.homography is None
 
 
 def test_without_a_camera_pixels_and_homography_alone(pentagon, ngon):
     for marker in (pentagon, ngon(4), ngon(8)):
         for pose in range(9, 400, 97):
-            found = detect(look(marker, ROLLED, pose), marker)
-            assert found.ok, found.reason
-            assert found.pose is None
+            finding = detect(look(marker, ROLLED, pose), marker)
+            assert finding.ok, finding.reason
+            assert finding.pose is None
             exact = truth(marker, ROLLED, pose)
-            np.testing.assert_array_equal(found.ids, [point.id for point in marker.control_points])
-            assert np.abs(found.pixels - exact).max() < 0.03
-            assert np.abs(apply_homography(found.homography, marker.xyz[:, :2]) - exact).max() < 0.05
+            np.testing.assert_array_equal(finding.ids, [point.id for point in marker.control_points])
+            assert np.abs(finding.pixels - exact).max() < 0.03
+            assert np.abs(apply_homography(finding.homography, marker.xyz[:, :2]) - exact).max() < 0.05
 
 
 def test_the_worst_of_many_dots_is_dropped(ngon):
@@ -205,11 +205,11 @@ def test_the_worst_of_many_dots_is_dropped(ngon):
         points = list(marker.control_points)
         points[5] = replace(points[5], x=points[5].x + 0.003, y=points[5].y)
         image = look(replace(marker, control_points=tuple(points)), ROLLED, pose)
-        found = detect(image, marker, PAPER_CAMERA)
-        assert found.ok, found.reason
-        assert 15 not in found.ids
-        assert len(found.ids) == 7
-        assert np.abs(found.pixels - truth(marker, ROLLED, pose, found)).max() < 0.03
+        finding = detect(image, marker, PAPER_CAMERA)
+        assert finding.ok, finding.reason
+        assert 15 not in finding.ids
+        assert len(finding.ids) == 7
+        assert np.abs(finding.pixels - truth(marker, ROLLED, pose, finding)).max() < 0.03
 
 
 def test_never_a_wrong_label(ngon):
@@ -224,11 +224,11 @@ def test_never_a_wrong_label(ngon):
         points[moved] = replace(points[moved], x=float(x), y=float(y))
         pose = int(rng.integers(400))
         image = look(Marker(tuple(points), marker.boundary, marker.clearance), ROLLED, pose, seed=trial)
-        found = detect(image, marker, PAPER_CAMERA)
-        refused += not found.ok
-        partly += found.ok and len(found.ids) < len(marker)
-        if found.ok:
-            assert np.linalg.norm(found.pixels - truth(marker, ROLLED, pose, found), axis=-1).max() < 5
+        finding = detect(image, marker, PAPER_CAMERA)
+        refused += not finding.ok
+        partly += finding.ok and len(finding.ids) < len(marker)
+        if finding.ok:
+            assert np.linalg.norm(finding.pixels - truth(marker, ROLLED, pose, finding), axis=-1).max() < 5
     # Of four dots none may be missing, nor the ring; else the others are found without the one that is elsewhere.
     assert refused > 18
     assert partly > 12
@@ -236,13 +236,15 @@ def test_never_a_wrong_label(ngon):
 
 def test_several_copies_of_one_marker(pentagon):
     # Two of 75 % size in one plane before the camera.
-    turn = np.diag([1.0, -1.0, -1.0])
-    one = look(pentagon, PoseDistribution("left", turn[None], np.array([[-0.25, 0, 1.2]])), 0, Optics(noise_grey=0))
-    two = look(pentagon, PoseDistribution("right", turn[None], np.array([[0.25, 0.05, 1.2]])), 0, Optics(noise_grey=0))
+    rotation = np.diag([1.0, -1.0, -1.0])
+    one = look(pentagon, PoseDistribution("left", rotation[None], np.array([[-0.25, 0, 1.2]])), 0, Optics(noise_grey=0))
+    two = look(
+        pentagon, PoseDistribution("right", rotation[None], np.array([[0.25, 0.05, 1.2]])), 0, Optics(noise_grey=0)
+    )
     image = np.minimum(one, two)
-    found = detect_all(image, [pentagon], PAPER_CAMERA)
-    assert [each.ok for each in found] == [True, True]
-    places = sorted(each.pose.translation[0] for each in found)
+    findings = detect_all(image, [pentagon], PAPER_CAMERA)
+    assert [item.ok for item in findings] == [True, True]
+    places = sorted(item.pose.translation[0] for item in findings)
     np.testing.assert_allclose(places, [-0.25, 0.25], atol=1e-3)
     # Of one of them two dots are not there: the other is reported.
     image[:, :75] = 225
@@ -252,9 +254,9 @@ def test_several_copies_of_one_marker(pentagon):
 
 
 def test_each_marker_that_is_not_there_has_its_reason(pentagon, irregular):
-    found = detect_all(look(pentagon, POSES, 130), [irregular, pentagon], PAPER_CAMERA)
-    assert [(each.ok, each.index) for each in found] == [(True, 1), (False, 0)]
-    assert found[1].reason
+    findings = detect_all(look(pentagon, POSES, 130), [irregular, pentagon], PAPER_CAMERA)
+    assert [(item.ok, item.index) for item in findings] == [(True, 1), (False, 0)]
+    assert findings[1].reason
     with pytest.raises(InputError, match="one marker or more"):
         detect_all(np.zeros((480, 640), np.uint8), [], PAPER_CAMERA)
 
@@ -269,9 +271,9 @@ def test_each_marker_that_is_not_there_has_its_reason(pentagon, irregular):
 )
 @pytest.mark.parametrize("camera", [PAPER_CAMERA, None])
 def test_images_without_marker(pentagon, image, camera):
-    found = detect(image, pentagon, camera)
-    assert not found.ok
-    assert "found 0 dots" in found.reason
+    finding = detect(image, pentagon, camera)
+    assert not finding.ok
+    assert "found 0 dots" in finding.reason
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (640, 480)])
@@ -283,9 +285,9 @@ def test_image_of_another_size(pentagon, shape):
 
 
 def test_image_of_one_pixel(pentagon):
-    found = detect(np.zeros((1, 1), np.uint8), pentagon, Camera(1, 1, 800, 800, 0, 0))
-    assert not found.ok
-    assert found.reason
+    finding = detect(np.zeros((1, 1), np.uint8), pentagon, Camera(1, 1, 800, 800, 0, 0))
+    assert not finding.ok
+    assert finding.reason
 
 
 @pytest.mark.parametrize("image", [np.zeros((0, 0), np.uint8), np.zeros((480, 640)), np.zeros(9, np.uint8)])
@@ -295,10 +297,10 @@ def test_other_images_are_refused(pentagon, image):
 
 
 def test_ids_are_those_of_the_marker(pentagon):
-    found = detect(look(pentagon, POSES, 60), pentagon, PAPER_CAMERA)
-    np.testing.assert_array_equal(found.ids, [10, 11, 12, 13, 14])
-    assert found.finding.dropped.size == 0
-    assert found.index == 0
+    finding = detect(look(pentagon, POSES, 60), pentagon, PAPER_CAMERA)
+    np.testing.assert_array_equal(finding.ids, [10, 11, 12, 13, 14])
+    assert finding.finding.dropped.size == 0
+    assert finding.index == 0
 
 
 @cache
@@ -333,13 +335,13 @@ def wild(rng, with_ellipses):
 
 
 def false_detections(count, seed, markers):
-    found = []
+    finding = []
     for k in range(count):
         image = wild(np.random.default_rng([seed, k]), bool(k % 2))
         for camera in (PAPER_CAMERA, None):
-            for each in detect_all(image, list(markers.values()), camera, copies=1):
-                found += [(k, each.index, camera is not None, each.ids)] if each.ok else []
-    return found
+            for item in detect_all(image, list(markers.values()), camera, copies=1):
+                finding += [(k, item.index, camera is not None, item.ids)] if item.ok else []
+    return finding
 
 
 def test_nothing_is_found_in_other_pictures(pentagon, ngon):
@@ -358,11 +360,11 @@ def test_covariance_over_2000_views(pentagon):
     nees = []
     for k in range(2000):
         pose = k % 400
-        found = detect(look(pentagon, ROLLED, pose, seed=k), pentagon, PAPER_CAMERA, EXACT)
-        turn = logarithm(ROLLED.rotation[pose] @ found.pose.rotation.T)
-        error = np.concatenate([turn, ROLLED.translation[pose] - found.pose.translation])
+        finding = detect(look(pentagon, ROLLED, pose, seed=k), pentagon, PAPER_CAMERA, EXACT)
+        rotation = logarithm(ROLLED.rotation[pose] @ finding.pose.rotation.T)
+        error = np.concatenate([rotation, ROLLED.translation[pose] - finding.pose.translation])
         # Without the factor that residuals may widen it by: with five dots it makes the mean 5.1.
-        nees.append(error @ np.linalg.solve(found.pose.budget.total / found.pose.scale, error))
+        nees.append(error @ np.linalg.solve(finding.pose.budget.total / finding.pose.scale, error))
     # Four times the scatter of a mean of 2000, 0.08, and a covariance that is right to 5 %.
     assert abs(np.mean(nees) - 6) < 0.6
     # 12.59 is the 95 % quantile; the 99 % interval of 2000 draws is 93.7 to 96.2 %.

@@ -43,8 +43,8 @@ def look(marker, pose=130, camera=CAMERA, optics=None, poses=POSES):
     return render_view(marker, camera, poses.rotation[pose], poses.translation[pose], optics or Optics(), rng)
 
 
-def reprojected(found, camera):
-    pixels, _ = cv2.projectPoints(found.xyz, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
+def reprojected(result, camera):
+    pixels, _ = cv2.projectPoints(result.xyz, result.rvec, result.tvec, camera.matrix, camera.cv2_distortion)
     return pixels[:, 0]
 
 
@@ -69,41 +69,41 @@ def test_opencv_projects_the_pose_onto_the_pixels(pentagon, lens):
     camera = CAMERAS[lens]
     finder = Detector(pentagon, camera)
     for pose in (3, 130, 277, 399):
-        (found,) = finder(look(pentagon, pose, camera, poses=ROLLED))
-        assert found.ok
-        assert found.reason == ""
-        np.testing.assert_array_equal(found.ids, [10, 11, 12, 13, 14])
-        assert found.rvec.shape == found.tvec.shape == (3, 1)
-        assert found.rvec.dtype == found.tvec.dtype == np.float64
+        (finding,) = finder(look(pentagon, pose, camera, poses=ROLLED))
+        assert finding.ok
+        assert finding.reason == ""
+        np.testing.assert_array_equal(finding.ids, [10, 11, 12, 13, 14])
+        assert finding.rvec.shape == finding.tvec.shape == (3, 1)
+        assert finding.rvec.dtype == finding.tvec.dtype == np.float64
         # 0.005 px of noise, and what its pose leaves of it.
-        assert np.abs(reprojected(found, camera) - found.pixels).max() < 0.1
-        np.testing.assert_allclose(cv2.Rodrigues(found.rvec)[0], found.rotation, atol=1e-9)
-        np.testing.assert_array_equal(found.tvec.ravel(), found.translation)
-        assert np.rad2deg(angle_between(found.rotation, ROLLED.rotation[pose])) < 1
-        assert np.abs(found.translation - ROLLED.translation[pose]).max() < 0.01
+        assert np.abs(reprojected(finding, camera) - finding.pixels).max() < 0.1
+        np.testing.assert_allclose(cv2.Rodrigues(finding.rvec)[0], finding.rotation, atol=1e-9)
+        np.testing.assert_array_equal(finding.tvec.ravel(), finding.translation)
+        assert np.rad2deg(angle_between(finding.rotation, ROLLED.rotation[pose])) < 1
+        assert np.abs(finding.translation - ROLLED.translation[pose]).max() < 0.01
         # And OpenCV comes to the same pose from these pixels.
         ok, rvec, tvec = cv2.solvePnP(
-            found.xyz, found.pixels, camera.matrix, camera.cv2_distortion, found.rvec, found.tvec, True
+            finding.xyz, finding.pixels, camera.matrix, camera.cv2_distortion, finding.rvec, finding.tvec, True
         )
         assert ok
-        assert np.abs(tvec - found.tvec).max() < 2e-3
-        assert rvec.shape == found.rvec.shape
+        assert np.abs(tvec - finding.tvec).max() < 2e-3
+        assert rvec.shape == finding.rvec.shape
 
 
 def test_fisheye_coefficients_are_those_of_cv2_fisheye(pentagon):
     camera = replace(PAPER_CAMERA, fx=500.0, fy=500.0, distortion=Distortion("equidistant", (-0.02, 0.005, 0, 0)))
-    (found,) = Detector(pentagon, camera)(look(pentagon, camera=camera))
-    points = found.xyz[:, None]
-    pixels, _ = cv2.fisheye.projectPoints(points, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
-    assert np.abs(pixels[:, 0] - found.pixels).max() < 0.1
+    (finding,) = Detector(pentagon, camera)(look(pentagon, camera=camera))
+    points = finding.xyz[:, None]
+    pixels, _ = cv2.fisheye.projectPoints(points, finding.rvec, finding.tvec, camera.matrix, camera.cv2_distortion)
+    assert np.abs(pixels[:, 0] - finding.pixels).max() < 0.1
 
 
 def test_opencv_draws_its_axes_at_the_origin(detect_pentagon, frame):
-    (found,) = detect_pentagon(frame)
+    (finding,) = detect_pentagon(frame)
     canvas = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
     before = canvas.copy()
-    cv2.drawFrameAxes(canvas, CAMERA.matrix, CAMERA.cv2_distortion, found.rvec, found.tvec, 0.05)
-    x, y = np.rint(cv2.projectPoints(np.zeros((1, 3)), found.rvec, found.tvec, CAMERA.matrix, None)[0]).astype(int)[
+    cv2.drawFrameAxes(canvas, CAMERA.matrix, CAMERA.cv2_distortion, finding.rvec, finding.tvec, 0.05)
+    x, y = np.rint(cv2.projectPoints(np.zeros((1, 3)), finding.rvec, finding.tvec, CAMERA.matrix, None)[0]).astype(int)[
         0, 0
     ]
     changed = (canvas != before).any(axis=-1)
@@ -112,12 +112,12 @@ def test_opencv_draws_its_axes_at_the_origin(detect_pentagon, frame):
 
 
 def test_what_is_found_is_what_detect_finds(pentagon, detect_pentagon, frame):
-    (found,), plain = detect_pentagon(frame), detect(frame, pentagon, CAMERA)
-    np.testing.assert_array_equal(found.pixels, plain.pixels)
-    np.testing.assert_array_equal(found.pixel_covariance, plain.pixel_covariance)
-    np.testing.assert_array_equal(found.covariance, plain.pose.budget.total)
-    np.testing.assert_array_equal(found.homography, plain.homography)
-    assert (found.marker, found.index, found.tag, found.pose.chi2) == (pentagon, 0, None, plain.pose.chi2)
+    (finding,), plain = detect_pentagon(frame), detect(frame, pentagon, CAMERA)
+    np.testing.assert_array_equal(finding.pixels, plain.pixels)
+    np.testing.assert_array_equal(finding.pixel_covariance, plain.pixel_covariance)
+    np.testing.assert_array_equal(finding.covariance, plain.pose.budget.total)
+    np.testing.assert_array_equal(finding.homography, plain.homography)
+    assert (finding.marker, finding.index, finding.tag, finding.pose.chi2) == (pentagon, 0, None, plain.pose.chi2)
 
 
 def test_the_covariance_is_of_a_turn_from_the_left(detect_pentagon, pentagon):
@@ -127,10 +127,10 @@ def test_the_covariance_is_of_a_turn_from_the_left(detect_pentagon, pentagon):
     exact = Detector(pentagon, CAMERA, print_sigma=0)
     nees = []
     for pose in range(0, 400, 13):
-        (found,) = exact(look(pentagon, pose, poses=ROLLED))
-        turn = logarithm(ROLLED.rotation[pose] @ found.rotation.T)
-        error = np.concatenate([turn, ROLLED.translation[pose] - found.translation])
-        nees.append(error @ np.linalg.solve(found.covariance, error))
+        (finding,) = exact(look(pentagon, pose, poses=ROLLED))
+        rotation = logarithm(ROLLED.rotation[pose] @ finding.rotation.T)
+        error = np.concatenate([rotation, ROLLED.translation[pose] - finding.translation])
+        nees.append(error @ np.linalg.solve(finding.covariance, error))
     # Mean of 31 of chi2 with 6 degrees of freedom: 0.62 of scatter, four times that.
     assert abs(np.mean(nees) - 6) < 2.5
 
@@ -140,15 +140,15 @@ def test_markers_come_as_objects_paths_and_contents(pentagon, irregular, frame, 
     path.write_bytes(to_json(pentagon))
     content = json.loads(path.read_text())
     for source, name in [(pentagon, "marker"), (path, str(path)), (str(path), str(path)), (content, "marker")]:
-        for given in (source, [source], (source,), iter([source])):
-            (found,) = Detector(given, CAMERA)(frame)
-            assert found.ok
-            assert found.as_dict()["marker"] == found.name == name
+        for stated in (source, [source], (source,), iter([source])):
+            (finding,) = Detector(stated, CAMERA)(frame)
+            assert finding.ok
+            assert finding.as_dict()["marker"] == finding.name == name
     several = Detector([irregular, path], CAMERA)
     assert (len(several.markers), several.camera) == (2, CAMERA)
     assert several.names == ("marker 0", str(path))
-    found, missed = several(frame)
-    assert (found.ok, found.index, found.marker.xyz.tolist()) == (True, 1, pentagon.xyz.tolist())
+    finding, missed = several(frame)
+    assert (finding.ok, finding.index, finding.marker.xyz.tolist()) == (True, 1, pentagon.xyz.tolist())
     assert (missed.ok, missed.index, missed.marker) == (False, 0, irregular)
     assert missed.reason
     assert str(missed).startswith("marker 0 not found: ")
@@ -164,7 +164,7 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "said"),
+    ("arguments", "options", "message"),
     [
         ([[]], {}, "one marker or more"),
         ([None], {}, "found NoneType None; give Marker.load"),
@@ -192,11 +192,13 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
         (["pentagon", CAMERA], {"copies": "two"}, "copies='two'"),
     ],
 )
-def test_what_no_detector_can_be_built_of(pentagon, arguments, options, said):
-    arguments = [pentagon if isinstance(each, str) and each == "pentagon" else each for each in arguments]
+def test_what_no_detector_can_be_built_of(pentagon, arguments, options, message):
+    arguments = [
+        pentagon if isinstance(argument, str) and argument == "pentagon" else argument for argument in arguments
+    ]
     with pytest.raises(InputError) as caught:
         Detector(*arguments, **options)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -235,11 +237,19 @@ def test_the_covariance_in_the_file_of_the_camera_counts(pentagon, frame, tmp_pa
 
 
 def test_without_a_camera(pentagon, frame):
-    (found,) = Detector(pentagon)(cv2.cvtColor(look(pentagon, camera=PAPER_CAMERA), cv2.COLOR_GRAY2BGR))
-    assert found.ok
-    pose = (found.pose, found.rvec, found.tvec, found.rotation, found.translation, found.covariance, found.second)
+    (finding,) = Detector(pentagon)(cv2.cvtColor(look(pentagon, camera=PAPER_CAMERA), cv2.COLOR_GRAY2BGR))
+    assert finding.ok
+    pose = (
+        finding.pose,
+        finding.rvec,
+        finding.tvec,
+        finding.rotation,
+        finding.translation,
+        finding.covariance,
+        finding.second,
+    )
     assert pose == (None,) * 7
-    assert found.homography.shape == (3, 3)
+    assert finding.homography.shape == (3, 3)
     # Frames of any size.
     assert not Detector(pentagon)(frame[:100, :100])[0].ok
 
@@ -257,15 +267,15 @@ def test_a_whole_grid_is_found_through_a_strong_lens_without_a_camera(focal, len
     camera = replace(PAPER_CAMERA, fx=focal, fy=focal, distortion=lens)
     lying = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     pose = exponential([0.4, -0.3, 0.0]) @ lying, np.array([0.0, 0.0, 0.17 * focal / 400])
-    (found,) = Detector(grid)(render_view(grid, camera, *pose, Optics(), np.random.default_rng(1)))
+    (finding,) = Detector(grid)(render_view(grid, camera, *pose, Optics(), np.random.default_rng(1)))
     true = camera.project(grid.xyz, pose[0][None], pose[1][None])[0]
-    assert len(found.ids) == len(grid)
+    assert len(finding.ids) == len(grid)
     # Grey levels tell centers to 0.02 px; a lens of one parameter bends large dots by the rest.
-    assert np.abs(found.pixels - true).max() < 0.3
+    assert np.abs(finding.pixels - true).max() < 0.3
     homography, _ = cv2.findHomography(grid.xyz[:, :2], true, 0)
     off = cv2.perspectiveTransform(grid.xyz[None, :, :2], homography)[0] - true
-    assert found.finding.bend == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=0.05, abs=0.05)
-    assert ("px off since the lens bends it" in str(found)) == (lens.model != "none")
+    assert finding.finding.bend == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=0.05, abs=0.05)
+    assert ("px off since the lens bends it" in str(finding)) == (lens.model != "none")
 
 
 def test_a_ring_that_the_border_cuts_tells_how_a_regular_layout_is_turned(ngon):
@@ -280,15 +290,15 @@ def test_a_ring_that_the_border_cuts_tells_how_a_regular_layout_is_turned(ngon):
     detector = Detector(marker, camera, print_sigma=1e-8)
     for seed in range(4):
         image = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(seed))
-        (found,) = detector(image)
-        assert 10 in found.ids
-        assert np.rad2deg(angle_between(found.rotation, rotation)) < 0.1
+        (finding,) = detector(image)
+        assert 10 in finding.ids
+        assert np.rad2deg(angle_between(finding.rotation, rotation)) < 0.1
 
 
 def test_a_single_marker_whose_tag_should_be_readable_names_no_other_body(pentagon):
     tagged = replace(pentagon, tag=parse_tag("aruco:DICT_4X4_50:7", 0.05))
-    (found,) = Detector(tagged, CAMERA)(look(pentagon, 10))
-    assert found.reason == "its tag cannot be read, and bodies of this layout differ by their tags alone"
+    (finding,) = Detector(tagged, CAMERA)(look(pentagon, 10))
+    assert finding.reason == "its tag cannot be read, and bodies of this layout differ by their tags alone"
 
 
 def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentagon):
@@ -317,135 +327,135 @@ def test_a_grid_that_the_border_cuts_is_not_moved_by_a_row(make, rotation, trans
     left, _, right = np.linalg.svd(rotation)
     for seed in range(3):
         image = render_view(grid, camera, left @ right, np.array(translation), Optics(), np.random.default_rng(seed))
-        (found,) = Detector(grid, camera)(image)
-        assert found.ok == ok
-        assert "labels are ambiguous" in found.reason or np.abs(found.translation - translation).max() < 0.002
+        (finding,) = Detector(grid, camera)(image)
+        assert finding.ok == ok
+        assert "labels are ambiguous" in finding.reason or np.abs(finding.translation - translation).max() < 0.002
 
 
 @pytest.mark.parametrize("camera", [CAMERA, None])
 def test_ambiguous_dots_have_pixels_and_no_labels(ngon, camera):
     plain = ngon(5, rings=())
     image = look(plain, camera=CAMERA if camera else PAPER_CAMERA)
-    (found,) = Detector(plain, camera)(image)
-    assert not found.ok
-    assert "labels are ambiguous" in found.reason
-    assert (found.ids.size, found.xyz.shape) == (0, (0, 3))
-    assert found.pixels.shape == (5, 2)
-    assert found.pixel_covariance.shape == (5, 2, 2)
-    assert np.linalg.eigvalsh(found.pixel_covariance).min() > 0
+    (finding,) = Detector(plain, camera)(image)
+    assert not finding.ok
+    assert "labels are ambiguous" in finding.reason
+    assert (finding.ids.size, finding.xyz.shape) == (0, (0, 3))
+    assert finding.pixels.shape == (5, 2)
+    assert finding.pixel_covariance.shape == (5, 2, 2)
+    assert np.linalg.eigvalsh(finding.pixel_covariance).min() > 0
     exact = (camera or PAPER_CAMERA).project(plain.xyz, POSES.rotation[[130]], POSES.translation[[130]])[0]
-    distance = np.linalg.norm(found.pixels[:, None] - exact, axis=-1)
+    distance = np.linalg.norm(finding.pixels[:, None] - exact, axis=-1)
     # Each is one of the dots, and corrected: plain centers of ellipses are a tenth of a pixel off here.
     assert sorted(distance.argmin(axis=1)) == [0, 1, 2, 3, 4]
     assert distance.min(axis=1).max() < 0.05
-    assert (found.rvec, found.homography, found.tag) == (None, None, None)
-    told = found.as_dict()
-    assert (told["found"], told["ids"], len(told["missing"])) == (False, [], 5)
-    np.testing.assert_array_equal(told["pixels"], found.pixels)
-    assert np.shape(told["ellipse_centers"]) == (5, 2)
+    assert (finding.rvec, finding.homography, finding.tag) == (None, None, None)
+    output = finding.as_dict()
+    assert (output["found"], output["ids"], len(output["missing"])) == (False, [], 5)
+    np.testing.assert_array_equal(output["pixels"], finding.pixels)
+    assert np.shape(output["ellipse_centers"]) == (5, 2)
 
 
 def test_two_markers_that_claim_the_same_dots_both_have_them(pentagon, frame):
     both = Detector([pentagon, pentagon], CAMERA)(frame)
-    assert [each.reason[-21:] for each in both] == ["marker 0 and marker 1", "marker 1 and marker 0"]
-    assert [each.pixels.shape for each in both] == [(5, 2), (5, 2)]
+    assert [item.reason[-21:] for item in both] == ["marker 0 and marker 1", "marker 1 and marker 0"]
+    assert [item.pixels.shape for item in both] == [(5, 2), (5, 2)]
 
 
 def test_a_frame_without_the_marker(detect_pentagon):
-    (found,) = detect_pentagon(np.full((480, 640), 200, np.uint8))
-    assert (found.ok, found.ids.shape, found.pixels.shape, found.rvec) == (False, (0,), (0, 2), None)
-    assert "found 0 dots" in found.reason
+    (finding,) = detect_pentagon(np.full((480, 640), 200, np.uint8))
+    assert (finding.ok, finding.ids.shape, finding.pixels.shape, finding.rvec) == (False, (0,), (0, 2), None)
+    assert "found 0 dots" in finding.reason
     canvas = np.full((480, 640, 3), 200, np.uint8)
-    assert found.draw(canvas) is canvas
+    assert finding.draw(canvas) is canvas
     assert (canvas == 200).all()
 
 
 def test_second_solution(pentagon):
     # From 3 m, tilted a little: the marker's perspective is less than what the print may be wrong by.
     far = replace(POSES, translation=np.array([[0, 0, 3.0]] * 400))
-    (found,) = Detector(pentagon, CAMERA, print_sigma="3mm")(look(pentagon, 30, poses=far))
-    assert found.ok
-    rotation, translation = found.pose.alternative
-    np.testing.assert_array_equal(found.second.rotation, rotation)
-    np.testing.assert_array_equal(found.second.tvec, translation[:, None])
-    np.testing.assert_allclose(cv2.Rodrigues(found.second.rvec)[0], rotation, atol=1e-9)
-    assert 0.1 < found.second.likelihood_ratio <= 1
+    (finding,) = Detector(pentagon, CAMERA, print_sigma="3mm")(look(pentagon, 30, poses=far))
+    assert finding.ok
+    rotation, translation = finding.pose.alternative
+    np.testing.assert_array_equal(finding.second.rotation, rotation)
+    np.testing.assert_array_equal(finding.second.tvec, translation[:, None])
+    np.testing.assert_allclose(cv2.Rodrigues(finding.second.rvec)[0], rotation, atol=1e-9)
+    assert 0.1 < finding.second.likelihood_ratio <= 1
 
 
 @pytest.mark.parametrize("scale", [1, 257])
 @pytest.mark.parametrize("camera", [CAMERA, None])
 def test_drawing(pentagon, camera, scale):
     grey = look(pentagon, camera=camera or PAPER_CAMERA).astype(np.uint16 if scale > 1 else np.uint8) * scale
-    (found,) = Detector(pentagon, camera)(grey)
-    copy = found.draw(grey)
+    (finding,) = Detector(pentagon, camera)(grey)
+    copy = finding.draw(grey)
     assert copy.shape == (480, 640, 3)
     assert copy.dtype == grey.dtype
     assert copy.max() > 240 * scale
     changed = (copy != grey[..., None]).any(axis=-1)
-    assert all(changed[y, x] for x, y in np.rint(found.pixels).astype(int))
+    assert all(changed[y, x] for x, y in np.rint(finding.pixels).astype(int))
     assert not changed[:40, :40].any()
-    one_channel = found.draw(grey[..., None])
+    one_channel = finding.draw(grey[..., None])
     np.testing.assert_array_equal(one_channel, copy)
     color = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-    assert found.draw(color) is color
+    assert finding.draw(color) is color
     np.testing.assert_array_equal(color, copy)
     opaque = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGRA)
-    assert found.draw(opaque) is opaque
+    assert finding.draw(opaque) is opaque
     np.testing.assert_array_equal(opaque[..., :3], copy)
     assert (opaque[..., 3] == np.iinfo(grey.dtype).max).all()
     # Views are drawn into as well.
     plain = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     mirrored = plain[:, ::-1].copy()[:, ::-1]
-    assert found.draw(mirrored) is mirrored
+    assert finding.draw(mirrored) is mirrored
     np.testing.assert_array_equal(mirrored, copy)
 
 
 def test_ambiguous_dots_are_drawn_as_dots_alone(detect_pentagon, hidden_ring):
-    (found,) = detect_pentagon(hidden_ring)
-    assert not found.ok
-    copy = found.draw(hidden_ring)
+    (finding,) = detect_pentagon(hidden_ring)
+    assert not finding.ok
+    copy = finding.draw(hidden_ring)
     changed = (copy != hidden_ring[..., None]).any(axis=-1)
-    assert all(changed[y, x] for x, y in np.rint(found.pixels).astype(int))
+    assert all(changed[y, x] for x, y in np.rint(finding.pixels).astype(int))
     # Crosses of nine pixels twice, smoothed, and nothing else.
     assert changed.sum() < 4 * 60
 
 
 def test_frames_that_cannot_be_drawn_into(detect_pentagon, frame):
-    (found,) = detect_pentagon(frame)
+    (finding,) = detect_pentagon(frame)
     locked = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
     locked.flags.writeable = False
     with pytest.raises(InputError, match="read-only"):
-        found.draw(locked)
+        finding.draw(locked)
     with pytest.raises(InputError, match="found None"):
-        found.draw(None)
+        finding.draw(None)
     grey = frame.copy()
     grey.flags.writeable = False
-    assert found.draw(grey).shape == (480, 640, 3)
+    assert finding.draw(grey).shape == (480, 640, 3)
 
 
 def test_pickled(detect_pentagon, frame):
-    (found,) = detect_pentagon(frame)
+    (finding,) = detect_pentagon(frame)
     (again,) = pickle.loads(pickle.dumps(detect_pentagon))(frame)
-    copy = pickle.loads(pickle.dumps(found))
+    copy = pickle.loads(pickle.dumps(finding))
     for other in (again, copy):
-        np.testing.assert_array_equal(other.pixels, found.pixels)
-        np.testing.assert_array_equal(other.rvec, found.rvec)
-        assert other.as_dict() == found.as_dict()
+        np.testing.assert_array_equal(other.pixels, finding.pixels)
+        np.testing.assert_array_equal(other.rvec, finding.rvec)
+        assert other.as_dict() == finding.as_dict()
 
 
 def test_one_detector_in_several_threads(pentagon):
     tagged = replace(pentagon, tag=parse_tag("aruco:DICT_4X4_50:7", 0.05))
     finder = Detector(tagged, CAMERA)
     frames = [look(tagged, pose, poses=ROLLED) for pose in (3, 60, 130, 200, 277, 330)]
-    whole = [finder(each) for each in frames]
-    near = [finder(each, near) for each, near in zip(frames, whole, strict=True)]
-    alone = [found for (found,) in whole + near]
+    whole = [finder(frame) for frame in frames]
+    nearby = [finder(frame, nearby) for frame, nearby in zip(frames, whole, strict=True)]
+    alone = [finding for (finding,) in whole + nearby]
     with ThreadPoolExecutor(4) as pool:
-        together = [found for (found,) in pool.map(finder, frames * 6, ([None] * 6 + whole) * 3)]
-    for k, found in enumerate(together):
-        np.testing.assert_array_equal(found.pixels, alone[k % 12].pixels)
-        np.testing.assert_array_equal(found.tag, alone[k % 12].tag)
-        np.testing.assert_array_equal(found.covariance, alone[k % 12].covariance)
+        together = [finding for (finding,) in pool.map(finder, frames * 6, ([None] * 6 + whole) * 3)]
+    for k, finding in enumerate(together):
+        np.testing.assert_array_equal(finding.pixels, alone[k % 12].pixels)
+        np.testing.assert_array_equal(finding.tag, alone[k % 12].tag)
+        np.testing.assert_array_equal(finding.covariance, alone[k % 12].covariance)
 
 
 def test_nothing_is_printed_or_logged(detect_pentagon, frame, hidden_ring, capfd, caplog):
@@ -457,15 +467,15 @@ def test_nothing_is_printed_or_logged(detect_pentagon, frame, hidden_ring, capfd
 
 
 def test_short_in_print(detect_pentagon, frame, hidden_ring, pentagon):
-    (found,), (lost,) = detect_pentagon(frame), detect_pentagon(hidden_ring)
+    (finding,), (lost,) = detect_pentagon(frame), detect_pentagon(hidden_ring)
     assert repr(detect_pentagon) == "Detector(marker; 640x480 px)"
     assert repr(Detector([pentagon] * 5)) == "Detector(marker 0, marker 1, marker 2 and 2 more; no camera)"
-    assert repr(found).startswith("<Found: marker, 5 of 5 dots, ")
+    assert repr(finding).startswith("<Found: marker, 5 of 5 dots, ")
     assert repr(lost).startswith("<Found: marker not found: ")
-    assert max(len(repr(found)), len(repr(lost))) < 200
-    assert "5 of 5 dots" in found._repr_html_()
+    assert max(len(repr(finding)), len(repr(lost))) < 200
+    assert "5 of 5 dots" in finding._repr_html_()
     assert "ambiguous" in lost._repr_html_()
-    assert len(found._repr_html_()) < 1000
+    assert len(finding._repr_html_()) < 1000
 
 
 def test_html_is_escaped(pentagon, frame, tmp_path):
@@ -491,8 +501,8 @@ def test_the_loop_of_the_documentation(pentagon, frame, tmp_path, monkeypatch, c
     writer.release()
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "docs/detect.md", "exec"), {})
-    found, lost = capsys.readouterr().out.splitlines()
-    assert found.startswith("[10 11 12 13 14] [")
+    finding, lost = capsys.readouterr().out.splitlines()
+    assert finding.startswith("[10 11 12 13 14] [")
     assert lost.startswith("found 0 dots")
 
 

@@ -71,31 +71,31 @@ class Scene:
     """Markers, what is looked for, and a frame with a truth for each that is in it."""
 
     def __init__(self, light, placed, absent=(), optics=None):
-        made = [light_marker(each) if light else each for each, _, _ in placed]
-        self.sought = list(dict.fromkeys([*made, *(light_marker(each) if light else each for each in absent)]))
-        views = [seen(each, *place, optics) for each, (_, *place) in zip(made, placed, strict=True)]
+        made = [light_marker(item) if light else item for item, _, _ in placed]
+        self.sought = list(dict.fromkeys([*made, *(light_marker(item) if light else item for item in absent)]))
+        views = [seen(item, *place, optics) for item, (_, *place) in zip(made, placed, strict=True)]
         self.frame = np.minimum.reduce(views)
         self.truth = [
-            (self.sought.index(each), CAMERA.project(each.xyz, place[0][None], np.array(place[1])[None])[0])
-            for each, (_, *place) in zip(made, placed, strict=True)
+            (self.sought.index(item), CAMERA.project(item.xyz, place[0][None], np.array(place[1])[None])[0])
+            for item, (_, *place) in zip(made, placed, strict=True)
         ]
-        self.flat = not any(each.xyz[:, 2].any() for each in self.sought)
+        self.flat = not any(item.xyz[:, 2].any() for item in self.sought)
 
-    def check(self, found, most=0.1):
+    def check(self, findings, most=0.1):
         """All that is there has been found with the right labels, in its place, and nothing else."""
-        assert len([each for each in found if each.ok]) == len(self.truth), [str(each) for each in found]
+        assert len([item for item in findings if item.ok]) == len(self.truth), [str(item) for item in findings]
         for index, truth in self.truth:
-            near = [
-                each
-                for each in found
-                if each.ok and each.index == index and np.abs(each.pixels.mean(axis=0) - truth.mean(axis=0)).max() < 20
+            nearby = [
+                item
+                for item in findings
+                if item.ok and item.index == index and np.abs(item.pixels.mean(axis=0) - truth.mean(axis=0)).max() < 20
             ]
-            assert len(near) == 1
-            ids = [point.id for point in near[0].marker.control_points]
-            assert near[0].ids.tolist() == ids
-            assert np.abs(near[0].pixels - truth).max() < most
-        for each in found:
-            assert each.ok or (each.reason and "\n" not in each.reason)
+            assert len(nearby) == 1
+            ids = [point.id for point in nearby[0].marker.control_points]
+            assert nearby[0].ids.tolist() == ids
+            assert np.abs(nearby[0].pixels - truth).max() < most
+        for item in findings:
+            assert item.ok or (item.reason and "\n" not in item.reason)
 
 
 LEFT, RIGHT, MIDDLE = (FACING, (-0.17, 0.0, 0.85)), (TILTED, (0.19, 0.02, 0.9)), (TILTED, (0.0, 0.01, 0.6))
@@ -131,20 +131,20 @@ def test_what_is_in_the_frame_is_found(scene, name, light):
     here = scene(name, light)
     assert np.isin([0, 255], here.frame).any() == (name == "saturated")
     detector = Detector(here.sought, CAMERA)
-    found = detector(here.frame)
-    here.check(found)
-    here.check(detector(here.frame, near=[each for each in found if each.ok]))
-    for each in found:
-        if each.ok:
-            assert each.covariance.shape == (6, 6)
-            assert (each.homography is None) == (name == "relief")
-            assert (each.tag is not None) == (name == "a family")
+    findings = detector(here.frame)
+    here.check(findings)
+    here.check(detector(here.frame, near=[item for item in findings if item.ok]))
+    for item in findings:
+        if item.ok:
+            assert item.covariance.shape == (6, 6)
+            assert (item.homography is None) == (name == "relief")
+            assert (item.tag is not None) == (name == "a family")
     if here.flat:
         here.check(Detector(here.sought)(here.frame))
     # As if they were not there for a detector of the other kind.
     if not light:
-        other = [light_marker(each) for each in here.sought]
-        assert not any(each.ok for each in Detector(other, CAMERA)(here.frame))
+        other = [light_marker(item) for item in here.sought]
+        assert not any(item.ok for item in Detector(other, CAMERA)(here.frame))
 
 
 @pytest.mark.parametrize("light", [False, True], ids=["dark", "light"])
@@ -168,18 +168,18 @@ def test_deep_frames(scene, form, light):
     here = scene("a family", light)
     detector = Detector(here.sought[:2], CAMERA)
     image = DEEP[form](here.frame)
-    found = detector(image)
-    here.check(found)
-    eight = {each.name: each for each in detector(here.frame) if each.ok}
-    for each in found:
-        if each.ok:
+    findings = detector(image)
+    here.check(findings)
+    eight = {item.name: item for item in detector(here.frame) if item.ok}
+    for item in findings:
+        if item.ok:
             # The same levels up to a factor: the fit only starts a little elsewhere. Slopes of the light are reckoned
             # from black, so that an offset changes them, and what they cost, which is up to a third of the information.
             # Noise is 0.004 px.
             atol, rtol = (1e-2, 0.5) if "narrow" in form else (1e-3, 0.05)
-            np.testing.assert_allclose(each.pixels, eight[each.name].pixels, atol=atol)
+            np.testing.assert_allclose(item.pixels, eight[item.name].pixels, atol=atol)
             np.testing.assert_allclose(
-                each.pixel_covariance, eight[each.name].pixel_covariance, rtol=rtol, atol=rtol * 1e-5
+                item.pixel_covariance, eight[item.name].pixel_covariance, rtol=rtol, atol=rtol * 1e-5
             )
 
 
@@ -191,8 +191,8 @@ def test_colors_are_weighed_as_in_files(pentagon, scene, tmp_path):
     colors = [np.array([40, 60, 200]) * share[..., None] + np.array([90, 70, 10]) * (1 - share[..., None])]
     colors.append(np.concatenate([colors[0], 255 * (share[..., None] > 0.2)], axis=-1))
     detector = Detector(pentagon, CAMERA)
-    for k, each in enumerate(colors):
-        image = np.rint(each).astype(np.uint8)
+    for k, color in enumerate(colors):
+        image = np.rint(color).astype(np.uint8)
         cv2.imwrite(str(tmp_path / f"{k}.png"), image)
         from_file = detector(read_image(tmp_path / f"{k}.png").grey)
         for one, other in zip(detector(image), from_file, strict=True):
@@ -226,9 +226,9 @@ def test_frames_without_anything(pentagon, content):
     detector = Detector([tagged, light_marker(tagged)])
     for shape in [*SIZES, (120, 160)]:
         image = CONTENTS[content](shape)
-        found = detector(image)
-        assert [each.ok for each in found] == [False, False]
-        assert all(each.reason for each in found)
+        findings = detector(image)
+        assert [item.ok for item in findings] == [False, False]
+        assert all(item.reason for item in findings)
         dots = detector.dots(image)
         assert dots.shape[1:] == (2,)
         if "noise" not in content:
@@ -236,7 +236,7 @@ def test_frames_without_anything(pentagon, content):
 
 
 @pytest.mark.parametrize(
-    ("image", "said"),
+    ("image", "message"),
     [
         (None, "found None; cv2.imread returns None when it cannot read the file: check the path"),
         ("photo.png", "expected a readable image at photo.png"),
@@ -263,13 +263,13 @@ def test_frames_without_anything(pentagon, content):
         (np.zeros((480, 640, 3), np.uint8), "320x240 px, found 640x480 px; give the calibration for this size"),
     ],
 )
-def test_what_is_no_frame_is_refused_in_one_line(pentagon, image, said):
+def test_what_is_no_frame_is_refused_in_one_line(pentagon, image, message):
     detector = Detector(pentagon, CAMERA)
     for use in (detector, detector.dots):
         with pytest.raises(InputError) as caught:
             use(image)
         line = str(caught.value)
-        assert said in line
+        assert message in line
         assert "\n" not in line
 
 
@@ -281,8 +281,8 @@ def test_photographs_are_read_as_the_sensor_took_them(pentagon, tmp_path, orient
     Pillow.fromarray(frame).save(path, exif=exif)
     (direct,), (by_path,), (by_name,) = detector(frame), detector(path), detector(str(path))
     assert direct.ok
-    for found in (by_path, by_name):
-        np.testing.assert_array_equal(found.tvec, direct.tvec)
+    for finding in (by_path, by_name):
+        np.testing.assert_array_equal(finding.tvec, direct.tvec)
     np.testing.assert_array_equal(detector.dots(path), detector.dots(frame))
     # As in the documentation: OpenCV turns what is marked as turned.
     assert np.array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), frame) == (orientation == 1)

@@ -42,9 +42,9 @@ def test_a_labeling_of_most_dots_has_to_rival_that_of_all():
     # Turned by half a turn and moved by half a pitch, this grid has 32 of its 35 dots where dots are.
     marker, rng = mg.Marker.hexagonal("7x5", "20mm"), np.random.default_rng(16)
     pose = scenes.pose(quality.CAMERA, rng, (0.5, 1.2), radius=marker.radius)
-    (found,) = mg.Detector(marker, quality.CAMERA)(render_view(marker, quality.CAMERA, *pose, Optics(), rng))
-    assert len(found.ids) == 35
-    assert np.linalg.norm(found.translation - pose[1]) < 0.005 * pose[1][2]
+    (finding,) = mg.Detector(marker, quality.CAMERA)(render_view(marker, quality.CAMERA, *pose, Optics(), rng))
+    assert len(finding.ids) == 35
+    assert np.linalg.norm(finding.translation - pose[1]) < 0.005 * pose[1][2]
 
 
 @pytest.mark.parametrize("hidden", [0, 40])

@@ -23,13 +23,13 @@ def decoded(png):
 @pytest.mark.parametrize("camera", [PAPER_CAMERA, None])
 def test_draws_on_the_dots_and_leaves_the_rest(pentagon, camera):
     image = view(pentagon, 130)
-    found = detect(image, pentagon, camera)
-    assert found.ok
-    png = overlay(image, [found])
-    assert png == overlay(image, [found])
+    finding = detect(image, pentagon, camera)
+    assert finding.ok
+    png = overlay(image, [finding])
+    assert png == overlay(image, [finding])
     drawn = decoded(png)
     changed = (drawn != image[..., None]).any(axis=-1)
-    for x, y in np.rint(found.pixels).astype(int):
+    for x, y in np.rint(finding.pixels).astype(int):
         assert changed[y, x]
     # The corners of the image are far from the marker.
     assert not changed[:40, :40].any()
@@ -39,17 +39,17 @@ def test_draws_on_the_dots_and_leaves_the_rest(pentagon, camera):
 def test_every_outline_is_drawn(shapes, make_in):
     marker = make_in(shapes["plate"], 5, 0.02, seed=2)
     image = view(marker, 30)
-    found = detect(image, marker, PAPER_CAMERA)
-    assert found.pose is not None
-    drawn = decoded(overlay(image, [found]))
+    finding = detect(image, marker, PAPER_CAMERA)
+    assert finding.pose is not None
+    drawn = decoded(overlay(image, [finding]))
     changed = (drawn != image[..., None]).any(axis=-1)
     for ring in shapes["plate"].outlines():
         middles = (ring + np.roll(ring, -1, axis=0)) / 2
         pixels = PAPER_CAMERA.project(middles, POSES.rotation[[30]], POSES.translation[[30]])[0]
         # The pose that was found is within a pixel of the true one.
         columns, rows = np.rint(pixels).astype(int).T
-        near = [changed[y - 1 : y + 2, x - 1 : x + 2].any() for x, y in zip(columns, rows, strict=True)]
-        assert np.mean(near) > 0.95
+        nearby = [changed[y - 1 : y + 2, x - 1 : x + 2].any() for x, y in zip(columns, rows, strict=True)]
+        assert np.mean(nearby) > 0.95
 
 
 def test_numbers_of_a_dense_grid_hide_neither_dots_nor_each_other():

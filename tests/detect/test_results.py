@@ -36,20 +36,20 @@ def tagged(pentagon):
 
 
 def test_a_layout_that_repeats_is_reported_with_its_turns(grid):
-    found = detect(view(grid), grid, PAPER_CAMERA)
-    assert not found.ok
-    assert found.reason.endswith(sentence("repeats", 180))
-    np.testing.assert_allclose(found.turns, [np.pi], atol=0.01)
-    assert sorted(found.guess) == list(range(12))
+    finding = detect(view(grid), grid, PAPER_CAMERA)
+    assert not finding.ok
+    assert finding.reason.endswith(sentence("repeats", 180))
+    np.testing.assert_allclose(finding.turns, [np.pi], atol=0.01)
+    assert sorted(finding.guess) == list(range(12))
 
 
 def test_any_labeling_is_kept_in_a_video(grid):
-    detector, found, off = Detector(grid, PAPER_CAMERA, symmetric="any"), (), []
+    detector, finding, off = Detector(grid, PAPER_CAMERA, symmetric="any"), (), []
     # More than a turn in all: the labeling that looks upright changes twice on the way.
     for k, angle in enumerate(np.deg2rad(np.arange(0, 400, 20))):
         rotation = POSE[0] @ rotation_z(angle)
-        found = detector(view(grid, (rotation, POSE[1])), near=found, whole=k % 5 == 4)
-        (result,) = found
+        finding = detector(view(grid, (rotation, POSE[1])), near=finding, whole=k % 5 == 4)
+        (result,) = finding
         assert result.ok, result.reason
         assert result.finding.tracked == (k > 0 and k % 5 != 4)
         np.testing.assert_allclose(result.as_dict()["turns_deg"], [180], atol=0.5)
@@ -64,9 +64,9 @@ def test_any_labeling_is_kept_in_a_video(grid):
 
 
 def test_a_mirrored_image_is_called_mirrored(tagged):
-    (found,) = Detector(tagged, PAPER_CAMERA)(view(tagged)[:, ::-1])
-    assert (found.ok, found.finding.state) == (False, "mirrored")
-    assert "mirrored" in found.reason
+    (finding,) = Detector(tagged, PAPER_CAMERA)(view(tagged)[:, ::-1])
+    assert (finding.ok, finding.finding.state) == (False, "mirrored")
+    assert "mirrored" in finding.reason
 
 
 @pytest.mark.parametrize(("sigma", "state"), [(0.001, "mirrored"), (0.003, "mirrored"), (0, "ambiguous")])
@@ -74,8 +74,8 @@ def test_a_mirrored_image_of_a_nearly_symmetric_layout_is_called_mirrored(sigma,
     off = np.random.default_rng(1).normal(0, 1, GRID.shape)
     marker = build_marker(GRID + sigma * off, Circle(0.15), diameter=0.03, clearance=0.003, keyed=False)
     assert detect(view(marker), marker, PAPER_CAMERA).ok == (sigma > 0)
-    found = detect(view(marker)[:, ::-1], marker, PAPER_CAMERA)
-    assert (found.ok, found.finding.state) == (False, state)
+    finding = detect(view(marker)[:, ::-1], marker, PAPER_CAMERA)
+    assert (finding.ok, finding.finding.state) == (False, state)
 
 
 def test_what_became_of_the_tag(tagged):
@@ -87,23 +87,23 @@ def test_what_became_of_the_tag(tagged):
     bare, other = replace(tagged, tag=None), replace(tagged, tag=replace(tagged.tag, id=3))
     cases = {"read": (image, tagged), "not read": (hidden, tagged), "other": (image, other), "none": (image, bare)}
     for state, (picture, marker) in cases.items():
-        found = detect(picture, marker, PAPER_CAMERA)
-        assert found.tag_state == state
+        finding = detect(picture, marker, PAPER_CAMERA)
+        assert finding.tag_state == state
         # Another one of its family might have this layout.
-        assert found.ok == (state in ("read", "none"))
-        assert (found.tag is not None) == (state == "read")
+        assert finding.ok == (state in ("read", "none"))
+        assert (finding.tag is not None) == (state == "read")
     assert detect(hidden, tagged, PAPER_CAMERA).as_dict()["tag_state"] in ("covered", "unclear", "faint")
 
 
 def test_a_wrong_camera_file_is_named(ngon):
     pose, marker = (POSES.rotation[390], POSES.translation[390]), ngon(8)
-    found = detect(view(marker, pose, replace(PAPER_CAMERA, fx=640.0, fy=640.0)), marker, PAPER_CAMERA)
-    assert not found.verdict.consistent
-    causes = {cause.name: cause for cause in found.verdict.causes}
+    finding = detect(view(marker, pose, replace(PAPER_CAMERA, fx=640.0, fy=640.0)), marker, PAPER_CAMERA)
+    assert not finding.verdict.consistent
+    causes = {cause.name: cause for cause in finding.verdict.causes}
     assert abs(causes["focal length"].value - np.log(0.8)) < 4 * causes["focal length"].sigma
-    told = found.as_dict()["verdict"]
-    assert (told["consistent"], [cause["name"] for cause in told["causes"]]) == (False, list(causes))
-    assert sentence("inconsistent") in str(found)
+    output = finding.as_dict()["verdict"]
+    assert (output["consistent"], [cause["name"] for cause in output["causes"]]) == (False, list(causes))
+    assert sentence("inconsistent") in str(finding)
     right = detect(view(marker, pose), marker, PAPER_CAMERA)
     assert right.verdict.consistent
     assert sentence("inconsistent") not in str(right)
@@ -112,10 +112,10 @@ def test_a_wrong_camera_file_is_named(ngon):
 def test_a_print_that_is_stretched_is_called_so(ngon):
     drawn = ngon(8)
     narrow = tuple(replace(point, x=0.97 * point.x) for point in drawn.control_points)
-    found = detect(view(replace(drawn, control_points=narrow)), drawn, PAPER_CAMERA)
-    assert not found.verdict.consistent
-    assert found.verdict.causes[0].name == "stretch x"
-    assert abs(found.verdict.causes[0].value + 0.03) < 4 * found.verdict.causes[0].sigma
+    finding = detect(view(replace(drawn, control_points=narrow)), drawn, PAPER_CAMERA)
+    assert not finding.verdict.consistent
+    assert finding.verdict.causes[0].name == "stretch x"
+    assert abs(finding.verdict.causes[0].value + 0.03) < 4 * finding.verdict.causes[0].sigma
 
 
 def test_plates_that_are_exchanged_are_named(ngon, irregular):
@@ -125,9 +125,9 @@ def test_plates_that_are_exchanged_are_named(ngon, irregular):
     swapped = Rig((replace(left, translation=apart[1]), replace(right, translation=apart[0])))
     camera = Camera(1280, 960, 800, 800, 639.5, 479.5)
     pose = POSE[0], np.array([0.0, 0.0, 1.5])
-    found = detect(view(swapped, pose, camera), Rig((left, right)), camera)
-    assert (found.ok, found.finding.state) == (False, "contradicted")
-    assert "a and b exchanged" in found.reason
+    finding = detect(view(swapped, pose, camera), Rig((left, right)), camera)
+    assert (finding.ok, finding.finding.state) == (False, "contradicted")
+    assert "a and b exchanged" in finding.reason
     assert detect(view(swapped, pose, camera), swapped, camera).ok
 
 

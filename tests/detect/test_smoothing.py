@@ -33,8 +33,13 @@ START = np.diag([1.0, -1.0, -1.0]), np.array([0.1, -0.05, 0.8])
 
 def error(motion, truth):
     """The error (12,) of a motion: what turns and moves it to the truth."""
-    turn = logarithm(truth.rotation @ motion.rotation.T)
-    parts = (turn, truth.translation - motion.translation, truth.spin - motion.spin, truth.velocity - motion.velocity)
+    rotation = logarithm(truth.rotation @ motion.rotation.T)
+    parts = (
+        rotation,
+        truth.translation - motion.translation,
+        truth.spin - motion.spin,
+        truth.velocity - motion.velocity,
+    )
     return np.concatenate(parts)
 
 
@@ -66,11 +71,11 @@ def walk(rng, frames, limits=LIMITS, step=STEP, spin=5, speed=2):
     for _ in range(frames):
         yield state
         push = np.repeat([limits.angular, limits.linear], 3) * rng.standard_normal(6)
-        turn = exponential(step * state.spin + step**2 / 2 * push[:3])
+        rotation = exponential(step * state.spin + step**2 / 2 * push[:3])
         state = replace(
             state,
             time=state.time + step,
-            rotation=turn @ state.rotation,
+            rotation=rotation @ state.rotation,
             translation=state.translation + step * state.velocity + step**2 / 2 * push[3:],
             spin=state.spin + step * push[:3],
             velocity=state.velocity + step * push[3:],
@@ -105,14 +110,14 @@ def runs():
 def test_the_covariance_is_that_of_the_errors(runs, part, name):
     """Sum of the NEES over independent runs: chi2 with as many degrees of freedom for each."""
     errors = [(error(motion, truth)[part], motion.covariance[part, part]) for motion, truth, _ in runs]
-    nees = sum(each @ np.linalg.solve(covariance, each) for each, covariance in errors)
+    nees = sum(item @ np.linalg.solve(covariance, item) for item, covariance in errors)
     low, high = chi2.ppf([5e-4, 1 - 5e-4], len(runs) * len(errors[0][0]))
     assert low < nees < high, name
 
 
 def test_a_covariance_that_is_wrong_would_be_seen(runs):
     errors = [(error(motion, truth)[:6], motion.covariance[:6, :6] / 1.5) for motion, truth, _ in runs]
-    nees = sum(each @ np.linalg.solve(covariance, each) for each, covariance in errors)
+    nees = sum(item @ np.linalg.solve(covariance, item) for item, covariance in errors)
     assert nees > chi2.ppf(1 - 5e-4, 6 * len(runs))
 
 
@@ -124,11 +129,11 @@ def test_the_jacobian_of_a_step_is_that_of_differences():
         eps = 1e-6
         columns = [
             (
-                error(after, predict(moved(motion, eps * each), step, LIMITS))
-                - error(after, predict(moved(motion, -eps * each), step, LIMITS))
+                error(after, predict(moved(motion, eps * item), step, LIMITS))
+                - error(after, predict(moved(motion, -eps * item), step, LIMITS))
             )
             / (2 * eps)
-            for each in np.eye(12)
+            for item in np.eye(12)
         ]
         np.testing.assert_allclose(step_jacobian(spin, step), np.stack(columns, axis=1), atol=1e-8)
 
@@ -138,8 +143,8 @@ def test_the_left_jacobian_is_that_of_differences(size):
     vector = size * np.array([0.6, -0.64, 0.48])
     eps = 1e-6
     columns = [
-        logarithm(exponential(vector + eps * each) @ exponential(vector - eps * each).T) / (2 * eps)
-        for each in np.eye(3)
+        logarithm(exponential(vector + eps * item) @ exponential(vector - eps * item).T) / (2 * eps)
+        for item in np.eye(3)
     ]
     np.testing.assert_allclose(left_jacobian(vector), np.stack(columns, axis=1), atol=1e-9)
 
@@ -161,7 +166,7 @@ def test_steady_motion_is_followed_better_than_it_is_measured():
         after.append(
             [angle_between(motion.rotation, truth.rotation), np.linalg.norm(motion.translation - truth.translation)]
         )
-    before, after = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (before, after))
+    before, after = (np.sqrt(np.mean(np.square(item), axis=0)) for item in (before, after))
     # A straight line through 30 points is known at its end to sqrt(4/30) of a point's sigma, 0.37.
     assert (after < 0.5 * before).all()
 
@@ -207,10 +212,10 @@ def test_flips_do_not_come_through():
         pose = measured(truth, SMALL, rng)
         mirrored = FLIPPED[0] @ START[0].T @ pose[0], pose[1]
         if k % 3 == 2:
-            told = sighting(*mirrored, SMALL, second=pose if k % 2 else None, ratio=0.8 if k % 2 else 0)
+            output = sighting(*mirrored, SMALL, second=pose if k % 2 else None, ratio=0.8 if k % 2 else 0)
         else:
-            told = sighting(*pose, SMALL, second=mirrored, ratio=0.5)
-        (smoothed,) = smoother(truth.time, [told])
+            output = sighting(*pose, SMALL, second=mirrored, ratio=0.5)
+        (smoothed,) = smoother(truth.time, [output])
         assert smoothed.outlier == (k % 3 == 2 and not k % 2)
         assert angle_between(smoothed.rotation, truth.rotation) < 0.05
 
@@ -253,11 +258,11 @@ def test_each_copy_has_its_own_motion():
         copies = [sighting(START[0], left, SMALL), sighting(START[0], right, SMALL)]
         if k in (7, 8):
             copies = copies[1:]
-        found = [*copies[:: 1 - 2 * (k % 2)], sighting(*FLIPPED, SMALL, index=1), Sighting(2, None)]
-        *smoothed, other, nothing = smoother(k * STEP, found)
+        result = [*copies[:: 1 - 2 * (k % 2)], sighting(*FLIPPED, SMALL, index=1), Sighting(2, None)]
+        *smoothed, other, nothing = smoother(k * STEP, result)
         assert nothing is None
         np.testing.assert_allclose(other.translation, FLIPPED[1], atol=1e-9)
-        for one, copy in zip(smoothed, found, strict=False):
+        for one, copy in zip(smoothed, result, strict=False):
             np.testing.assert_allclose(one.translation, copy.pose.translation, atol=1e-9)
             assert not one.outlier
     # After a second without it, a marker is a new one, wherever it is.
@@ -267,10 +272,10 @@ def test_each_copy_has_its_own_motion():
     assert set(fresh.as_dict()) >= {"rotation", "translation", "covariance", "velocity", "angular_velocity", "outlier"}
 
 
-@pytest.mark.parametrize("given", ["1e200,1", "", "2", "2,x", "0,1", "-1,1", "nan,1", "inf,1", "1,2,3", (1,), None, 5])
-def test_accelerations_are_two_positive_numbers(given):
+@pytest.mark.parametrize("stated", ["1e200,1", "", "2", "2,x", "0,1", "-1,1", "nan,1", "inf,1", "1,2,3", (1,), None, 5])
+def test_accelerations_are_two_positive_numbers(stated):
     with pytest.raises(InputError, match="--smooth 2,10"):
-        parse_accelerations(given)
+        parse_accelerations(stated)
     assert parse_accelerations("2,10") == parse_accelerations((2, 10)) == Accelerations(2.0, 10.0)
 
 
@@ -302,13 +307,13 @@ def test_a_rolling_shutter_is_corrected_by_the_velocities():
         smoothers = Smoother(limits, readout), Smoother(limits)
         for k, state in enumerate(walk(rng, 6, limits, spin=1, speed=0.1)):
             tilted = replace(state, rotation=state.rotation @ exponential(np.array([0.6, 0, 0])))
-            found = rolling(tilted, camera, points, readout, rng)
-            results = [smoother(state.time, [found])[0] for smoother in smoothers]
+            outcome = rolling(tilted, camera, points, readout, rng)
+            results = [smoother(state.time, [outcome])[0] for smoother in smoothers]
             if k >= 2:
                 for result, sums in zip(results, (squares, plain), strict=True):
                     off = error(result, tilted)[:6]
                     sums.append(float(off @ np.linalg.solve(result.covariance, off)) / 6)
-                raw.append(np.rad2deg(angle_between(found.pose.rotation, tilted.rotation)))
+                raw.append(np.rad2deg(angle_between(outcome.pose.rotation, tilted.rotation)))
     assert np.median(raw) > 0.3
     assert np.mean(plain) > 10
     # 100 frames, of 25 motions: frames of one share errors in part, so 150 to 600 squares of normal variables.

@@ -21,9 +21,9 @@ POSE = (
 )
 
 
-def found(shift, seed, print_sigma=1e-4):
+def found(offset, seed, print_sigma=1e-4):
     """Detection of a print whose dot 4 is off by a shift in m."""
-    points = [replace(point, x=point.x + shift * (point.id == 4)) for point in MARKER.control_points]
+    points = [replace(point, x=point.x + offset * (point.id == 4)) for point in MARKER.control_points]
     printed = replace(MARKER, control_points=tuple(points))
     view = render_view(printed, PAPER_CAMERA, *POSE, Optics(), np.random.default_rng(seed))
     (result,) = Detector(MARKER, PAPER_CAMERA, print_sigma=print_sigma)(view)

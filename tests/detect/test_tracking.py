@@ -33,8 +33,8 @@ def walk(camera, pose, frames, seed, px=10.0, degrees=2.0):
     for _ in range(frames):
         yield rotation, translation
         axis = rng.standard_normal(3)
-        turn = np.deg2rad(degrees) * rng.random() * axis / np.linalg.norm(axis)
-        rotation = exponential(turn[None])[0] @ rotation
+        angle = np.deg2rad(degrees) * rng.random() * axis / np.linalg.norm(axis)
+        rotation = exponential(angle[None])[0] @ rotation
         translation = translation + rng.uniform(-1, 1, 3) * px / camera.fx * translation[2]
 
 
@@ -42,22 +42,22 @@ def view(marker, camera, pose, seed=0, optics=None):
     return render_view(marker, camera, *pose, optics or Optics(), np.random.default_rng(seed))
 
 
-def placed(found, rotation, translation):
+def placed(result, rotation, translation):
     """Return a result with another pose, as an outdated or a wrong one has."""
-    place = found.finding.placed.copy()
+    place = result.finding.placed.copy()
     place["R"], place["t"] = rotation.ravel(), translation
-    return replace(found, finding=found.finding._replace(placed=place))
+    return replace(result, finding=result.finding._replace(placed=place))
 
 
 def turned(angle):
     return exponential(np.array([[0, 0, angle]]))[0]
 
 
-def same(found, other, limit=SAME_PX):
+def same(finding, other, limit=SAME_PX):
     """Check that two results for one frame agree; return their largest distance in px."""
-    assert (found.ok, found.index, found.ids.tolist()) == (other.ok, other.index, other.ids.tolist())
-    assert found.reason == other.reason
-    away = float(np.abs(found.pixels - other.pixels).max(initial=0))
+    assert (finding.ok, finding.index, finding.ids.tolist()) == (other.ok, other.index, other.ids.tolist())
+    assert finding.reason == other.reason
+    away = float(np.abs(finding.pixels - other.pixels).max(initial=0))
     assert away < limit
     return away
 
@@ -68,10 +68,10 @@ def searched(monkeypatch):
     calls, original = [], Engine.__call__
 
     def count(*arguments, **options):
-        found = original(*arguments, **options)
-        if not (found and all(finding.tracked for finding in found)):
+        results = original(*arguments, **options)
+        if not (results and all(finding.tracked for finding in results)):
             calls.append(1)
-        return found
+        return results
 
     monkeypatch.setattr(Engine, "__call__", count)
     return calls
@@ -84,31 +84,31 @@ def searched(monkeypatch):
 )
 def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched, camera, pose):
     finder, lens = Detector(irregular, camera), camera or PAPER_CAMERA
-    found = None
+    findings = None
     for k, place in enumerate(walk(lens, pose, 3, seed=1)):
         frame = view(irregular, lens, place, seed=k)
-        found, whole = finder(frame, near=found), finder(frame)
+        findings, whole = finder(frame, near=findings), finder(frame)
         # Of dots of more than 32 px, blocks of pixels are averaged: their edges are known a little less well.
-        same(found[0], whole[0], SAME_PX * max(1, lens.width / 640))
-        assert found[0].ok
+        same(findings[0], whole[0], SAME_PX * max(1, lens.width / 640))
+        assert findings[0].ok
         if camera is not None:
             sigma = np.sqrt(np.diag(whole[0].pose.budget.total))
-            assert (np.abs(found[0].translation - whole[0].translation) < 0.5 * sigma[3:]).all()
+            assert (np.abs(findings[0].translation - whole[0].translation) < 0.5 * sigma[3:]).all()
     # The first frame, and each once for comparison.
     assert len(searched) == 4
 
 
 def test_light_dots_are_tracked_too(irregular, searched):
     points = irregular.control_points
-    light = tuple(replace(each, feature=replace(each.feature, polarity="light")) for each in points)
-    marker, found = replace(irregular, control_points=light), None
+    light = tuple(replace(point, feature=replace(point.feature, polarity="light")) for point in points)
+    marker, findings = replace(irregular, control_points=light), None
     finder = Detector(marker, PAPER_CAMERA)
     for k, place in enumerate(walk(PAPER_CAMERA, 130, 2, seed=1)):
         frame = view(marker, PAPER_CAMERA, place, seed=k)
-        found = finder(frame, near=found)
-        assert found[0].ok
+        findings = finder(frame, near=findings)
+        assert findings[0].ok
     assert len(searched) == 1
-    same(found[0], finder(frame)[0])
+    same(findings[0], finder(frame)[0])
 
 
 def test_colors_and_depth_do_not_matter(pentagon, searched):
@@ -118,8 +118,8 @@ def test_colors_and_depth_do_not_matter(pentagon, searched):
     (grey,) = finder(second, near=before)
     color = np.stack([second, second, second], axis=-1)
     for frame in (color, color[::-1][::-1], np.dstack([color, np.full_like(second, 255)]), second[..., None]):
-        (found,) = finder(frame, near=before)
-        np.testing.assert_array_equal(found.pixels, grey.pixels)
+        (finding,) = finder(frame, near=before)
+        np.testing.assert_array_equal(finding.pixels, grey.pixels)
     (deep,) = finder((second.astype(np.uint16) * 257).astype(">u2"), near=before)
     # A fit ends when its steps are under 0.002 px.
     np.testing.assert_allclose(deep.pixels, grey.pixels, atol=5e-3)
@@ -127,9 +127,9 @@ def test_colors_and_depth_do_not_matter(pentagon, searched):
     # The weights of the colors are those of a whole frame.
     rng = np.random.default_rng(0)
     tinted = np.clip(color * [0.7, 0.9, 0.8] + rng.integers(0, 20, 3), 0, 255).astype(np.uint8)
-    (found,) = finder(tinted, near=before)
+    (finding,) = finder(tinted, near=before)
     (other,) = finder(cv2.cvtColor(tinted, cv2.COLOR_BGR2GRAY), near=before)
-    np.testing.assert_array_equal(found.pixels, other.pixels)
+    np.testing.assert_array_equal(finding.pixels, other.pixels)
 
 
 def test_a_wrong_pose_changes_nothing(irregular, searched):
@@ -141,8 +141,8 @@ def test_a_wrong_pose_changes_nothing(irregular, searched):
     beside = placed(whole, whole.rotation, whole.translation + [5.0, 0, 0])
     away = [placed(whole, POSES.rotation[k], POSES.translation[k]) for k in (0, 210, 399)]
     quarters = [placed(whole, whole.rotation @ turned(np.pi / 2 * k), whole.translation) for k in (1, 2, 3)]
-    for near in (behind, beside, *away, *quarters):
-        same(finder(frame, near=near)[0], whole)
+    for nearby in (behind, beside, *away, *quarters):
+        same(finder(frame, near=nearby)[0], whole)
     # The first frame, and poses from which nothing would be seen; the others have it in their windows.
     assert 3 <= len(searched) <= 9
 
@@ -159,8 +159,8 @@ def test_a_turn_of_a_nearly_regular_marker_does_not_carry_its_labels_along(make,
     (whole,) = finder(frame)
     assert whole.ok
     for k in range(1, 5):
-        near = placed(whole, whole.rotation @ turned(2 * np.pi * k / 5), whole.translation)
-        same(finder(frame, near=near)[0], whole)
+        nearby = placed(whole, whole.rotation @ turned(2 * np.pi * k / 5), whole.translation)
+        same(finder(frame, near=nearby)[0], whole)
 
 
 def test_an_ambiguous_marker_stays_ambiguous(ngon):
@@ -178,13 +178,13 @@ def test_a_marker_that_leaves_is_looked_for_until_it_is_back(irregular, searched
     finder = Detector(irregular, PAPER_CAMERA)
     frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
     empty = np.full_like(frame, 200)
-    found = finder(frame)
-    told = finder(empty)[0].reason
+    findings = finder(frame)
+    output = finder(empty)[0].reason
     searched.clear()
     for seen, searches in ((frame, 0), (empty, 1), (empty, 2), (frame, 3), (frame, 3)):
-        found = finder(seen, near=found)
-        assert found[0].ok == (seen is frame)
-        assert found[0].reason == ("" if seen is frame else told)
+        findings = finder(seen, near=findings)
+        assert findings[0].ok == (seen is frame)
+        assert findings[0].reason == ("" if seen is frame else output)
         assert len(searched) == searches
 
 
@@ -192,16 +192,16 @@ def test_occluded_dots_and_those_beyond_the_edge_may_be_missing(irregular, searc
     finder = Detector(irregular, PAPER_CAMERA)
     place = POSES.rotation[100], POSES.translation[100]
     frame = view(irregular, PAPER_CAMERA, place)
-    (found,) = finder(frame)
-    x, y = np.rint(found.pixels[2]).astype(int)
+    (finding,) = finder(frame)
+    x, y = np.rint(finding.pixels[2]).astype(int)
     covered = frame.copy()
     covered[y - 20 : y + 21, x - 20 : x + 21] = 90
-    near = finder(covered, near=found)
-    assert near[0].ok
-    assert found.ids[2] not in near[0].ids
-    same(near[0], finder(covered)[0])
-    (back,) = finder(frame, near=near)
-    same(back, found)
+    nearby = finder(covered, near=finding)
+    assert nearby[0].ok
+    assert finding.ids[2] not in nearby[0].ids
+    same(nearby[0], finder(covered)[0])
+    (back,) = finder(frame, near=nearby)
+    same(back, finding)
     assert len(searched) == 2
 
 
@@ -212,32 +212,32 @@ def test_several_markers_and_copies(irregular, make, searched):
     finder = Detector([irregular, other], wide)
     up = np.diag([1.0, -1.0, -1.0])
 
-    def scene(*shown):
-        frames = [view(marker, wide, (up, np.array([x, 0.02, 1.0]))) for marker, x in shown]
+    def scene(*printed):
+        frames = [view(marker, wide, (up, np.array([x, 0.02, 1.0]))) for marker, x in printed]
         light = np.max(np.stack([np.where(f < 120, 0, 1) for f in frames]) * 0, axis=0)
-        for each in frames:
-            light = np.maximum(light, 255 - each)
+        for frame in frames:
+            light = np.maximum(light, 255 - frame)
         return (255 - light).astype(np.uint8)
 
     first = scene((irregular, -0.5), (irregular, 0.0), (other, 0.5))
-    found = finder(first)
-    assert sorted(each.index for each in found if each.ok) == [0, 0, 1]
+    findings = finder(first)
+    assert sorted(frame.index for frame in findings if frame.ok) == [0, 0, 1]
     searched.clear()
     second = scene((irregular, -0.49), (irregular, 0.01), (other, 0.49))
-    again = finder(second, near=found)
+    again = finder(second, near=findings)
     assert not searched
     for one in finder(second):
-        nearest = min(again, key=lambda each: np.linalg.norm(each.translation - one.translation))
+        nearest = min(again, key=lambda frame: np.linalg.norm(frame.translation - one.translation))
         same(nearest, one)
     searched.clear()
     gone = scene((irregular, -0.49), (other, 0.49))
     left = finder(gone, near=again)
-    assert sorted(each.index for each in left if each.ok) == [0, 1]
+    assert sorted(frame.index for frame in left if frame.ok) == [0, 1]
     assert len(searched) == 1
     # Both copies of the frame before are nearest to the one that is left.
-    copies = [each for each in again if each.index == 0]
+    copies = [frame for frame in again if frame.index == 0]
     twice = [copies[0], placed(copies[1], copies[0].rotation, copies[0].translation)]
-    assert sum(each.index == 0 and each.ok for each in finder(second, near=twice)) == 2
+    assert sum(frame.index == 0 and frame.ok for frame in finder(second, near=twice)) == 2
     assert len(searched) == 2
 
 
@@ -249,17 +249,17 @@ def test_a_tag_tells_the_member_of_a_family(make, searched):
     family = [replace(plain, tag=parse_tag(f"aruco:DICT_4X4_50:{k}", 0.09)) for k in (3, 7)]
     places = list(walk(PAPER_CAMERA, 100, 2, seed=3))
     finder = Detector(family, PAPER_CAMERA)
-    before = [each for each in finder(view(family[0], PAPER_CAMERA, places[0])) if each.ok]
-    assert [each.index for each in before] == [0]
+    before = [item for item in finder(view(family[0], PAPER_CAMERA, places[0])) if item.ok]
+    assert [item.index for item in before] == [0]
     searched.clear()
-    (found,) = finder(view(family[0], PAPER_CAMERA, places[1]), near=before)
-    assert found.ok
+    (finding,) = finder(view(family[0], PAPER_CAMERA, places[1]), near=before)
+    assert finding.ok
     assert not searched
     (whole, _) = finder(view(family[0], PAPER_CAMERA, places[1]))
-    same(found, whole)
-    assert np.abs(found.tag - whole.tag).max() < 0.1
+    same(finding, whole)
+    assert np.abs(finding.tag - whole.tag).max() < 0.1
     swapped = view(family[1], PAPER_CAMERA, places[1])
-    assert [(each.index, each.ok) for each in finder(swapped, near=before)] == [(1, True), (0, False)]
+    assert [(item.index, item.ok) for item in finder(swapped, near=before)] == [(1, True), (0, False)]
     alone = Detector(family[0], PAPER_CAMERA)
     for one, other in zip(alone(swapped, near=before), alone(swapped), strict=True):
         same(one, other)
@@ -271,32 +271,32 @@ def test_a_part_of_another_marker_is_not_taken_for_it(irregular, make):
     larger = make([*points, (0.12, -0.08), (-0.13, 0.0)])
     finder = Detector([irregular, larger], PAPER_CAMERA)
     place = POSES.rotation[100], POSES.translation[100]
-    before = [each for each in finder(view(irregular, PAPER_CAMERA, place)) if each.ok]
-    assert [each.index for each in before] == [0]
-    found = [each for each in finder(view(larger, PAPER_CAMERA, place), near=before) if each.ok]
-    assert [(each.index, len(each.ids)) for each in found] == [(1, 8)]
+    before = [item for item in finder(view(irregular, PAPER_CAMERA, place)) if item.ok]
+    assert [item.index for item in before] == [0]
+    findings = [item for item in finder(view(larger, PAPER_CAMERA, place), near=before) if item.ok]
+    assert [(item.index, len(item.ids)) for item in findings] == [(1, 8)]
 
 
 def test_what_near_may_be(irregular, pentagon, searched):
     finder = Detector(irregular, PAPER_CAMERA)
     frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
-    found = finder(frame)
+    findings = finder(frame)
     searched.clear()
-    for near in (found, found[0], tuple(found), iter(found)):
-        assert finder(frame, near=near)[0].ok
+    for nearby in (findings, findings[0], tuple(findings), iter(findings)):
+        assert finder(frame, near=nearby)[0].ok
     assert not searched
     # Of another detector, whose numbers of markers differ.
     both = Detector([pentagon, irregular], PAPER_CAMERA)
-    assert [each.index for each in both(frame, near=found)] == [1]
+    assert [item.index for item in both(frame, near=findings)] == [1]
     assert not searched
-    for near in (None, [], ()):
-        assert finder(frame, near=near)[0].ok
+    for nearby in (None, [], ()):
+        assert finder(frame, near=nearby)[0].ok
     assert len(searched) == 3
-    for near, said in ((frame, "results for the frame before"), (3, "found 3"), (both(frame), "one for marker 0")):
-        with pytest.raises(InputError, match=said):
-            finder(frame, near=near)
+    for nearby, message in ((frame, "results for the frame before"), (3, "found 3"), (both(frame), "one for marker 0")):
+        with pytest.raises(InputError, match=message):
+            finder(frame, near=nearby)
     with pytest.raises(InputError, match="of the camera's"):
-        finder(frame[:100], near=found)
+        finder(frame[:100], near=findings)
 
 
 def drawn_at_random(make, rng):
@@ -305,17 +305,17 @@ def drawn_at_random(make, rng):
     diameter = rng.uniform(0.02, 0.032)
     while len(points) < count:
         point = rng.uniform(-0.13, 0.13, 2)
-        if np.hypot(*point) < 0.13 and all(np.hypot(*(point - each)) > 1.15 * diameter for each in points):
+        if np.hypot(*point) < 0.13 and all(np.hypot(*(point - item)) > 1.15 * diameter for item in points):
             points.append(point)
     return make(points, rings=(0,) if rng.random() < 0.6 else (), diameter=diameter)
 
 
-def labels_are_right(found, camera, pose):
+def labels_are_right(result, camera, pose):
     """Return whether each dot is nearer to its own place than to any other dot's; covered ones may be off by pixels."""
-    places = camera.project(found.marker.xyz, pose[0][None], pose[1][None])[0]
-    ids = np.array([point.id for point in found.marker.control_points])
-    nearest = np.linalg.norm(found.pixels[:, None] - places, axis=-1).argmin(axis=1)
-    return np.array_equal(ids[nearest], found.ids)
+    places = camera.project(result.marker.xyz, pose[0][None], pose[1][None])[0]
+    ids = np.array([point.id for point in result.marker.control_points])
+    nearest = np.linalg.norm(result.pixels[:, None] - places, axis=-1).argmin(axis=1)
+    return np.array_equal(ids[nearest], result.ids)
 
 
 @pytest.mark.long
@@ -329,7 +329,7 @@ def test_many_motions(make, searched):
             blur_px=rng.uniform(0.4, 1.4), noise_grey=rng.choice([0.5, 2, 5]), gradient=rng.choice([0, 0.5]),
             motion_px=rng.choice([0, 3]), motion_deg=rng.uniform(0, 180),
         )  # fmt: skip
-        finder, found = Detector(marker, camera), None
+        finder, finding = Detector(marker, camera), None
         for k, pose in enumerate(walk(camera, int(rng.integers(400)), 20, seed)):
             frame = view(marker, camera, pose, seed=[seed, k], optics=optics)
             covered = 8 <= k < 12 and seed % 2 == 1
@@ -339,7 +339,7 @@ def test_many_motions(make, searched):
                     cv2.rectangle(frame, corner.astype(int), (corner + 20).astype(int), float(rng.integers(255)), -1)
             (whole,) = finder(frame)
             searched.clear()
-            (tracked,) = finder(frame, near=found)
+            (tracked,) = finder(frame, near=finding)
             assert tracked.ok >= whole.ok
             if tracked.ok:
                 assert labels_are_right(tracked, camera, pose), (seed, k)
@@ -353,8 +353,8 @@ def test_many_motions(make, searched):
                     differences.append(away)
                     assert (away < 0.3 + 3 * sigma).all(), (seed, k)
                 frames, fewer = frames + 1, fewer + (len(tracked.ids) < len(whole.ids))
-                lost += bool(searched) and found is not None and found.ok
-            found = tracked
+                lost += bool(searched) and finding is not None and finding.ok
+            finding = tracked
     assert np.percentile(np.concatenate(differences), 99) < SAME_PX
     # Where dots leave the image or are covered.
     assert frames > 1700
@@ -365,7 +365,7 @@ def test_many_motions(make, searched):
 @pytest.mark.long
 def test_many_wrong_poses(make, ngon):
     """Results of other frames, turned and moved, and nearly regular markers: never a wrong label."""
-    told = 0
+    output = 0
     for seed in range(150):
         rng = np.random.default_rng(seed)
         marker = drawn_at_random(make, rng)
@@ -384,13 +384,13 @@ def test_many_wrong_poses(make, ngon):
             rotation, translation = whole.rotation, whole.translation
             if rng.random() < 0.3:
                 rotation, translation = POSES.rotation[k], POSES.translation[k]
-            turn = 2 * np.pi * rng.integers(count) / count + rng.normal(0, 0.02)
-            shift = rng.normal(0, 0.02, 3) * translation[2]
-            (found,) = finder(frame, near=placed(whole, rotation @ turned(turn), translation + shift))
-            assert found.ok
-            assert labels_are_right(found, PAPER_CAMERA, pose), seed
-            told += 1
-    assert told > 800
+            angle = 2 * np.pi * rng.integers(count) / count + rng.normal(0, 0.02)
+            offset = rng.normal(0, 0.02, 3) * translation[2]
+            (finding,) = finder(frame, near=placed(whole, rotation @ turned(angle), translation + offset))
+            assert finding.ok
+            assert labels_are_right(finding, PAPER_CAMERA, pose), seed
+            output += 1
+    assert output > 800
 
 
 @pytest.mark.long
@@ -402,7 +402,7 @@ def test_two_copies_that_cross(irregular):
         [np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60)), np.zeros(60)], 1
     )
     for seed in range(10):
-        rng, found = np.random.default_rng(seed), []
+        rng, findings = np.random.default_rng(seed), []
         behind, before = (up @ turned(angle) for angle in rng.uniform(-3, 3, 2))
         for x in np.linspace(-0.45, 0.45, 80):
             poses = (behind, np.array([-x, 0.05, 1.5])), (before, np.array([x, -0.03, 1.4]))
@@ -412,12 +412,12 @@ def test_two_copies_that_cross(irregular):
             cv2.fillPoly(plate, [np.rint(outline).astype(np.int32)], 1)
             frame = np.where(plate > 0, over, frame)
             # A copy that comes back is noticed by a search of the whole frame.
-            found = finder(frame, near=found if len(found) == 2 else None)
-            shown = [each for each in found if each.ok]
-            assert shown
-            for each in shown:
-                assert any(labels_are_right(each, PAPER_CAMERA, pose) for pose in poses), (seed, x)
-            if len(shown) == 2:
-                assert np.linalg.norm(shown[0].translation - shown[1].translation) > 0.05
+            findings = finder(frame, near=findings if len(findings) == 2 else None)
+            printed = [item for item in findings if item.ok]
+            assert printed
+            for item in printed:
+                assert any(labels_are_right(item, PAPER_CAMERA, pose) for pose in poses), (seed, x)
+            if len(printed) == 2:
+                assert np.linalg.norm(printed[0].translation - printed[1].translation) > 0.05
                 seen += 1
     assert seen > 300

@@ -30,12 +30,12 @@ EMPTY = 2
 def frames(pentagon):
     """Five frames of a marker that moves on, and is away in one of them."""
     rotation, start = POSES.rotation[130], POSES.translation[130]
-    shown = [
+    printed = [
         render_view(pentagon, PAPER_CAMERA, rotation, start + [0.01 * k, 0, 0], Optics(), np.random.default_rng(k))
         for k in range(5)
     ]
-    shown[EMPTY] = np.full((480, 640), 200, np.uint8)
-    return shown
+    printed[EMPTY] = np.full((480, 640), 200, np.uint8)
+    return printed
 
 
 @pytest.fixture
@@ -69,36 +69,36 @@ def watch(source="walk.avi", **options):
 
 
 def test_a_video(folder, frames):
-    told, warned, shown = [], [], []
-    watched = watch(json="found.jsonl", overlay="seen.mp4", show=shown.append, tell=told.append, warn=warned.append)
+    output, warned, printed = [], [], []
+    watched = watch(json="found.jsonl", overlay="seen.mp4", show=printed.append, tell=output.append, warn=warned.append)
     assert (watched.frames, watched.found, watched.dropped, watched.status) == (5, 4, 0, 1)
-    assert sorted(told) == sorted(["wrote found.jsonl", "wrote seen.mp4", str(watched)])
+    assert sorted(output) == sorted(["wrote found.jsonl", "wrote seen.mp4", str(watched)])
     assert str(watched).startswith("walk.avi: found a marker in 4 of 5 frames, ")
     assert not warned
-    assert len(shown) == 5
-    assert "0.04 s, " in shown[1]
-    assert "5 of 5 dots" in shown[1]
+    assert len(printed) == 5
+    assert "0.04 s, " in printed[1]
+    assert "5 of 5 dots" in printed[1]
     lines = entries((folder / "found.jsonl").read_text())
-    assert [each["frame"] for each in lines] == [0, 1, 2, 3, 4]
-    np.testing.assert_allclose([each["time"] for each in lines], np.arange(5) / 25, atol=1e-6)
-    assert [each["markers"][0]["found"] for each in lines] == [k != EMPTY for k in range(5)]
+    assert [line["frame"] for line in lines] == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose([line["time"] for line in lines], np.arange(5) / 25, atol=1e-6)
+    assert [line["markers"][0]["found"] for line in lines] == [k != EMPTY for k in range(5)]
     # As found in the same frames one by one.
-    detector, found = Detector("marker.json", PAPER_CAMERA), None
+    detector, findings = Detector("marker.json", PAPER_CAMERA), None
     for entry, image in zip(lines, read_video("walk.avi"), strict=True):
-        found = detector(image, near=found)
-        assert entry["markers"] == [each.as_dict() for each in found]
+        findings = detector(image, near=findings)
+        assert entry["markers"] == [line.as_dict() for line in findings]
     drawn = read_video("seen.mp4")
-    assert [each.shape for each in drawn] == [(480, 640, 3)] * 5
+    assert [line.shape for line in drawn] == [(480, 640, 3)] * 5
     # Orange and blue are on the drawn ones alone, which are grey otherwise.
-    colored = [int((np.ptp(each.astype(int), axis=-1) > 60).sum()) for each in drawn]
+    colored = [int((np.ptp(line.astype(int), axis=-1) > 60).sum()) for line in drawn]
     assert colored[EMPTY] == 0
     assert min(colored[:EMPTY] + colored[EMPTY + 1 :]) > 300
-    assert sorted(each.name for each in folder.iterdir()) == ["found.jsonl", "marker.json", "seen.mp4", "walk.avi"]
+    assert sorted(line.name for line in folder.iterdir()) == ["found.jsonl", "marker.json", "seen.mp4", "walk.avi"]
 
 
 def test_the_loop_of_the_documentation(folder, capsys):
     text = (Path(__file__).parents[2] / "docs" / "detect.md").read_text()
-    (code,) = (each for each in text.split("```") if "import watch" in each)
+    (code,) = (item for item in text.split("```") if "import watch" in item)
     (folder / "walk.avi").rename("video.avi")
     detector = Detector("marker.json", PAPER_CAMERA)
     exec(compile(code.removeprefix("python\n"), "docs/detect.md", "exec"), {"detector": detector})
@@ -114,8 +114,8 @@ def test_the_same_video_gives_the_same_bytes(folder):
         watch(json=stream, overlay="seen.avi", smooth=(2, 10))
         written.append((stream.getvalue(), (folder / "seen.avi").read_bytes()))
     assert written[0] == written[1]
-    smoothed = [each["markers"][0]["smoothed"] for each in entries(written[0][0])]
-    assert [each is None for each in smoothed] == [k == EMPTY for k in range(5)]
+    smoothed = [entry["markers"][0]["smoothed"] for entry in entries(written[0][0])]
+    assert [entry is None for entry in smoothed] == [k == EMPTY for k in range(5)]
     # 10 mm in each frame, 25 of which make a second.
     np.testing.assert_allclose(smoothed[-1]["velocity"], [0.25, 0, 0], atol=0.03)
     # Without it, there is no such entry.
@@ -130,37 +130,37 @@ def test_a_camera_until_it_ends(folder, frames, camera, monkeypatch):
     stamps, clock = iter(np.arange(100) * 0.08), iter(range(100))
     time = SimpleNamespace(monotonic=lambda: float(next(stamps)), time=lambda: 1.8e9 + next(clock))
     monkeypatch.setattr(videos, "time", time)
-    told, stream = [], io.StringIO()
+    output, stream = [], io.StringIO()
 
     def deliver(line):
         # Two more while the first frame is searched; then one by one.
         plugged.deliver(2 if line.startswith("0.00 s") else 1)
 
     with pytest.raises(InputError, match="frames from camera 0, found its end"):
-        watch("0", json=stream, overlay="seen.mp4", show=deliver, tell=told.append)
+        watch("0", json=stream, overlay="seen.mp4", show=deliver, tell=output.append)
     lines = entries(stream.getvalue())
-    assert [each["frame"] for each in lines] == [0, 2, 3, 4]
-    assert [each["dropped"] for each in lines] == [0, 1, 0, 0]
-    np.testing.assert_allclose([each["time"] for each in lines], [0, 0.16, 0.24, 0.32])
-    assert [each["clock"] - 1.8e9 for each in lines] == [0, 2, 3, 4]
-    assert all(each["frames_per_second"] > 0 for each in lines)
-    assert "camera 0: found a marker in 3 of 4 frames" in told[-1]
-    assert "1 dropped" in told[-1]
+    assert [item["frame"] for item in lines] == [0, 2, 3, 4]
+    assert [item["dropped"] for item in lines] == [0, 1, 0, 0]
+    np.testing.assert_allclose([item["time"] for item in lines], [0, 0.16, 0.24, 0.32])
+    assert [item["clock"] - 1.8e9 for item in lines] == [0, 2, 3, 4]
+    assert all(item["frames_per_second"] > 0 for item in lines)
+    assert "camera 0: found a marker in 3 of 4 frames" in output[-1]
+    assert "1 dropped" in output[-1]
     # 25 frames per second are stated, and there were 12.5: each stays for two, the one before the drop for four.
-    assert [bool(np.ptp(each) > 100) for each in read_video("seen.mp4")] == [True] * 4 + [False] * 2 + [True] * 3
+    assert [bool(np.ptp(item) > 100) for item in read_video("seen.mp4")] == [True] * 4 + [False] * 2 + [True] * 3
 
 
 def test_a_copy_that_comes_in_is_found_within_a_second(folder, camera, pentagon):
     """At ten frames per second; another one is not looked for while the first one is where it was."""
-    turn, optics, away = POSES.rotation[0], Optics(noise_grey=0), -0.25
+    rotation, optics, away = POSES.rotation[0], Optics(noise_grey=0), -0.25
     alone, other = (
-        render_view(pentagon, PAPER_CAMERA, turn, np.array([x, 0, 1.4]), optics, np.random.default_rng(0))
+        render_view(pentagon, PAPER_CAMERA, rotation, np.array([x, 0, 1.4]), optics, np.random.default_rng(0))
         for x in (away, -away)
     )
     write_video("walk.avi", [alone] * 2 + [np.minimum(alone, other)] * 10, 10.0)
     stream = io.StringIO()
     watch(json=stream)
-    assert [len(each["markers"]) for each in entries(stream.getvalue())] == [1] * 10 + [2] * 2
+    assert [len(entry["markers"]) for entry in entries(stream.getvalue())] == [1] * 10 + [2] * 2
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, BrokenPipeError])
@@ -173,13 +173,13 @@ def test_interrupted_in_the_middle(folder, monkeypatch, error):
         return honest(detector, image, near, deadline, whole)
 
     monkeypatch.setattr(video.Detector, "__call__", interrupted)
-    told = []
+    output = []
     with pytest.raises(error):
-        watch(json="found.jsonl", overlay="seen.mp4", tell=told.append)
+        watch(json="found.jsonl", overlay="seen.mp4", tell=output.append)
     assert len(entries((folder / "found.jsonl").read_text())) == 3
     assert len(read_video("seen.mp4")) == 3
-    assert told[-1].startswith("walk.avi: found a marker in 2 of 3 frames")
-    assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+    assert output[-1].startswith("walk.avi: found a marker in 2 of 3 frames")
+    assert not [item for item in folder.iterdir() if item.name.startswith(".")]
 
 
 class FakeWindow:
@@ -220,16 +220,16 @@ def test_without_a_display_there_is_no_window(folder, monkeypatch):
     monkeypatch.setattr(video, "has_display", lambda: True)
     warned = []
     assert watch(warn=warned.append).frames == 5
-    assert [each.partition(";")[0] for each in warned] == ["no window: expected a display for a window, found none"]
+    assert [item.partition(";")[0] for item in warned] == ["no window: expected a display for a window, found none"]
 
 
 def test_a_video_whose_end_is_missing_is_told(folder, camera, frames, monkeypatch):
     plugged = camera(frames)
     monkeypatch.setattr(plugged, "get", lambda prop: 9.0 if prop == cv2.CAP_PROP_FRAME_COUNT else 0.0)
-    warned, told = [], []
-    watch("walk.avi", warn=warned.append, tell=told.append, overlay="seen.avi")
+    warned, output = [], []
+    watch("walk.avi", warn=warned.append, tell=output.append, overlay="seen.avi")
     assert warned == ["walk.avi: 5 of the 9 frames that it states could be read"]
-    assert "the frame rate is unknown: seen.avi plays 25 frames per second" in told[-1] + told[-2]
+    assert "the frame rate is unknown: seen.avi plays 25 frames per second" in output[-1] + output[-2]
 
 
 def test_a_disk_that_is_full(folder, monkeypatch):
@@ -258,7 +258,7 @@ def test_a_disk_that_is_full(folder, monkeypatch):
     ):
         watch(overlay="seen.mp4")
     assert (folder / "seen.mp4").read_bytes() == b"before"
-    assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+    assert not [item for item in folder.iterdir() if item.name.startswith(".")]
     monkeypatch.setattr(cv2, "VideoWriter", VIDEO_WRITER)
     monkeypatch.setattr(video.shutil, "disk_usage", lambda path: SimpleNamespace(free=19e6))
     with pytest.raises(OutputError, match=r"for seen.mp4, found 19 MB; it ends at frame 0, and later ones were not"):
@@ -292,7 +292,7 @@ def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
     monkeypatch.setattr(Path, "open", nearly_full)
     with pytest.raises(OutputError, match=r"write found.jsonl, found: No space left on device at frame 1; it has all"):
         watch(json="found.jsonl")
-    assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
+    assert [entry["frame"] for entry in entries((folder / "found.jsonl").read_text())] == [0]
 
 
 def test_what_ends_early_is_counted_against_the_whole():
@@ -327,7 +327,7 @@ def test_a_camera_faster_than_its_overlay_plays_as_fast_as_it_was(folder):
             look = SimpleNamespace(frame=SimpleNamespace(time=k / 100), watched=Watched("camera 0", k + 1))
             look.drawn = np.full((48, 64, 3), k, np.uint8)
             overlay.put(look)
-    levels = [each.mean() for each in read_video("seen.avi")]
+    levels = [item.mean() for item in read_video("seen.avi")]
     # Half an interval is two levels, and the codec loses as many.
     np.testing.assert_allclose(levels, np.arange(26) * 4, atol=4)
 
@@ -336,7 +336,7 @@ VIDEO_WRITER = cv2.VideoWriter
 
 
 def test_what_cannot_begin_is_refused(folder, tmp_path):
-    for source, options, said in [
+    for source, options, message in [
         (["a.png", "walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 2 more"),
         ([], {}, "one video, camera or stream at a time, found none"),
         ("walk.avi", {"workers": 2}, "images for --workers"),
@@ -357,12 +357,12 @@ def test_what_cannot_begin_is_refused(folder, tmp_path):
     ]:
         with pytest.raises((InputError, OutputError)) as caught:
             watch(source, **options)
-        assert said in str(caught.value)
+        assert message in str(caught.value)
         assert "\n" not in str(caught.value)
     write_video("small.avi", [np.zeros((48, 64), np.uint8)])
     with pytest.raises(InputError, match="640x480 px, found 64x48 px"):
         watch("small.avi", json="found.jsonl", overlay="seen.mp4")
-    assert sorted(each.name for each in folder.iterdir()) == ["marker.json", "small.avi", "walk.avi"]
+    assert sorted(item.name for item in folder.iterdir()) == ["marker.json", "small.avi", "walk.avi"]
 
 
 def test_frames_that_change_their_size(folder, camera, frames):

@@ -27,10 +27,10 @@ LEFT_OUT = {
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_every_block_is_run_or_says_why_not(page):
-    found = list(blocks(page.read_text(encoding="utf-8")))
-    unknown = [block.line for block in found if not block.kind and not block.left_out]
+    results = list(blocks(page.read_text(encoding="utf-8")))
+    unknown = [block.line for block in results if not block.kind and not block.left_out]
     assert not unknown, "mark these lines with <!-- file: NAME --> or <!-- not run: REASON -->, or as ```text"
-    assert sum(bool(block.left_out) for block in found) == LEFT_OUT.get(page.name, 0)
+    assert sum(bool(block.left_out) for block in results) == LEFT_OUT.get(page.name, 0)
 
 
 def test_a_page_in_small(tmp_path, monkeypatch, capfd):
@@ -75,9 +75,9 @@ def test_a_page_in_small(tmp_path, monkeypatch, capfd):
         )
     )
     run(page, tmp_path)
-    said = capfd.readouterr().out
-    assert "[4]" in said
-    assert "total 7" in said
+    output = capfd.readouterr().out
+    assert "[4]" in output
+    assert "total 7" in output
     page.write_text("<!-- not run: no reason -->\n\nnothing\n")
     with pytest.raises(ValueError, match="block follows"):
         run(page, tmp_path)

@@ -96,8 +96,8 @@ OTHERS = {"--aprilcube", "--force-reinstall", "--no-deps", "--packages-select", 
 def test_commands_and_flags_of_a_page_exist(page):
     """Those inside sentences, too, which nobody runs."""
     text = re.sub(r"`python\s+-m\s[^`]*`", "", page.read_text(encoding="utf-8"))
-    known = (ROOT / "docs" / "cli.md").read_text()
+    reference = (ROOT / "docs" / "cli.md").read_text()
     for flag in set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)) - OTHERS:
-        assert re.search(rf"{flag}(?![\w-])", known), flag
+        assert re.search(rf"{flag}(?![\w-])", reference), flag
     names = typer.main.get_command(app).commands
     assert set(re.findall(r"`markergen ([a-z]+)\b", text)) <= set(names)

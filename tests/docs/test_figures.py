@@ -48,7 +48,7 @@ def test_a_figure_is_the_same_every_time():
         assert style.count(f"{used}:") == 2, used
     assert "light-dark" not in made
     assert {"x, m", "y, deg", "first", "second"} <= {
-        each.text for each in root.iter("{http://www.w3.org/2000/svg}text")
+        item.text for item in root.iter("{http://www.w3.org/2000/svg}text")
     }
 
 
@@ -63,8 +63,8 @@ def test_the_command_makes_what_a_page_shows(tmp_path):
         text=True,
         check=True,
     )
-    entries = [each for each in MEASURED if isinstance(each, Block) and each.command == command]
+    entries = [entry for entry in MEASURED if isinstance(entry, Block) and entry.command == command]
     assert len(entries) == 2
-    for each in entries:
-        assert not list(faults(each, {command: done.stdout}))
+    for entry in entries:
+        assert not list(faults(entry, {command: done.stdout}))
     assert {path.name for path in tmp_path.iterdir()} == {name for name, _ in SHOWN["theory.md"]}

@@ -89,8 +89,8 @@ def test_what_differs_is_told(monkeypatch):
     ]
     assert list(faults(entries[0], {})) == []
     assert "does not print" in next(faults(entries[0], {right: "nothing"}))
-    given = Given("a", "# m away", "a place")
-    assert [line.split(" in ")[0] for line in uncovered("a", [entries[0], given])] == ["a:1: 6"]
+    stated = Given("a", "# m away", "a place")
+    assert [line.split(" in ")[0] for line in uncovered("a", [entries[0], stated])] == ["a:1: 6"]
 
 
 def test_the_command_starts_and_has_nothing_to_do_without_time():

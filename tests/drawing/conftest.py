@@ -56,7 +56,7 @@ def paths_of(page) -> list[tuple[np.ndarray, list[int], float]]:
 
     Filled ones smaller than `LEAST` are left out: most are letters, which take long to read.
     """
-    found = []
+    result = []
     for thing in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_PATH]):
         points, kinds = [], []
         stroke, fill = ctypes.c_int(), ctypes.c_int()
@@ -72,8 +72,8 @@ def paths_of(page) -> list[tuple[np.ndarray, list[int], float]]:
             kinds.append(pdfium.FPDFPathSegment_GetType(segment))
         width = ctypes.c_float()
         pdfium.FPDFPageObj_GetStrokeWidth(thing.raw, width)
-        found.append((np.array(points), kinds, width.value * MM if stroke.value else 0.0))
-    return found
+        result.append((np.array(points), kinds, width.value * MM if stroke.value else 0.0))
+    return result
 
 
 def dots_of(paths) -> np.ndarray:

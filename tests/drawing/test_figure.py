@@ -36,11 +36,11 @@ def test_bare_points_and_relief_are_refused(make_ngon):
 
 
 @pytest.mark.parametrize(
-    ("found", "name"),
+    ("result", "name"),
     [("1a2b3c4d", "markergen-1a2b3c4d"), ("a<b>&'\x00\n;#1", "markergen-ab1"), ("x" * 99, "markergen-" + "x" * 16)],
 )
-def test_name_is_safe_in_every_format(make_ngon, found, name):
-    assert marker_name(replace(make_ngon(4, 0.1, 0.01), provenance={"spec_hash": found})) == name
+def test_name_is_safe_in_every_format(make_ngon, result, name):
+    assert marker_name(replace(make_ngon(4, 0.1, 0.01), provenance={"spec_hash": result})) == name
 
 
 def test_a_tag_is_one_outline_with_holes(make_ngon):

@@ -21,7 +21,7 @@ def test_american_sizes_are_exact_inches():
 
 
 @pytest.mark.parametrize(
-    ("name", "found", "size"),
+    ("name", "result", "size"),
     [
         ("a4", "A4", (210, 297)),
         ("A4-portrait", "A4", (210, 297)),
@@ -29,9 +29,9 @@ def test_american_sizes_are_exact_inches():
         ("Letter", "letter", (215.9, 279.4)),
     ],
 )
-def test_names_in_any_case_and_both_ways_round(name, found, size):
+def test_names_in_any_case_and_both_ways_round(name, result, size):
     paper = find_paper(name)
-    assert (paper.name, paper.width, paper.height) == (found, *size)
+    assert (paper.name, paper.width, paper.height) == (result, *size)
 
 
 def test_unknown_paper_lists_the_known_and_the_nearest():

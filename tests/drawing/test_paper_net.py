@@ -41,16 +41,16 @@ def folded(net, rig):
             normals = rig.markers[k].rotation_matrix[:, 2], rig.markers[child].rotation_matrix[:, 2]
             angle = np.arccos(np.clip(normals[0] @ normals[1], -1, 1))
             # Edges run counterclockwise, so a turn by a positive angle folds back what is beyond, print outside.
-            turn = exponential(angle * (end - start) / np.linalg.norm(end - start))
-            rotation, shift = motion[k]
-            motion[child] = rotation @ turn, rotation @ (start - turn @ start) + shift
+            R = exponential(angle * (end - start) / np.linalg.norm(end - start))
+            rotation, offset = motion[k]
+            motion[child] = rotation @ R, rotation @ (start - R @ start) + offset
             waiting.append(child)
-    found = []
-    for k, each in enumerate(rig.markers):
-        rotation, shift = motion[k]
-        flat = np.column_stack([net.places[k](each.marker.xyz[:, :2] * 1e3), np.zeros(len(each.marker))])
-        found.append(flat @ rotation.T + shift)
-    return root, np.concatenate(found)
+    result = []
+    for k, marker in enumerate(rig.markers):
+        rotation, offset = motion[k]
+        flat = np.column_stack([net.places[k](marker.marker.xyz[:, :2] * 1e3), np.zeros(len(marker.marker))])
+        result.append(flat @ rotation.T + offset)
+    return root, np.concatenate(result)
 
 
 @pytest.mark.parametrize(("text", "measures"), BODIES, ids=str)
@@ -64,10 +64,10 @@ def test_the_folded_net_is_the_body(text, measures):
 def test_every_edge_is_folded_glued_or_open(text, measures):
     rig = rig_of(text, **measures)
     net = unfold(rig)
-    meeting = sum(edge.meets is not None for own in plate_edges(rig) for edge in own) // 2
+    meeting = sum(edge.meets is not None for ours in plate_edges(rig) for edge in ours) // 2
     assert len(net.folds) // 2 == len(rig.markers) - 1
     assert len(net.flaps) == meeting - len(net.folds) // 2
-    pieces = [Region.polygon(each) for each in (*net.outlines, *(flap.corners for flap in net.flaps))]
+    pieces = [Region.polygon(item) for item in (*net.outlines, *(flap.corners for flap in net.flaps))]
     for k, piece in enumerate(pieces):
         assert all((piece & other).area < 1e-6 for other in pieces[k + 1 :])
 
@@ -77,7 +77,7 @@ def test_the_sheet_has_the_dots_at_true_size():
     sheet, net = net_sheet(rig, SheetOptions()), unfold(rig)
     shapes = [shape for layer in sheet.scene.layers for shape in layer.shapes]
     drawn = np.array([[shape.x, shape.y, shape.radius] for shape in shapes if isinstance(shape, Disk)])
-    dots = np.concatenate([net.places[k](each.marker.xyz[:, :2] * 1e3) for k, each in enumerate(rig.markers)])
+    dots = np.concatenate([net.places[k](marker.marker.xyz[:, :2] * 1e3) for k, marker in enumerate(rig.markers)])
     assert drawn[:, :2] - drawn[0, :2] == pytest.approx(dots - dots[0], abs=1e-9)
     assert (drawn[:, 2] == 2.5).all()
     assert sheet.origins_mm[1] - np.array(sheet.origins_mm[0]) == pytest.approx(

@@ -200,15 +200,15 @@ def test_unknown_paper_and_bare_points(make_ngon):
 
 
 def test_caption_says_what_size_means(make_ngon, make_in, shapes):
-    for marker, words in (
+    for marker, phrase in (
         (make_ngon(5, 0.15, 0.036), "size: diameter of the outline"),
         (make_in(shapes["rectangle"], 6, 0.01), "size: width x height of the outline"),
     ):
         sheet = sheet_for(marker)
         heading = named(sheet)["block-size-heading"]
-        x = heading.segments[0][1][0][0] - text(words, 0, 0, 1.35 * Frame(sheet.paper).scale).segments[0][1][0][0]
+        x = heading.segments[0][1][0][0] - text(phrase, 0, 0, 1.35 * Frame(sheet.paper).scale).segments[0][1][0][0]
         expected = text(
-            words, x, Frame(sheet.paper).margin + 4.4 * Frame(sheet.paper).scale, 1.35 * Frame(sheet.paper).scale
+            phrase, x, Frame(sheet.paper).margin + 4.4 * Frame(sheet.paper).scale, 1.35 * Frame(sheet.paper).scale
         )
         assert np.allclose(heading.path_points, expected.path_points, atol=1e-9)
 
@@ -254,15 +254,15 @@ def test_caption_holds_the_facts(make_ngon):
     marker = make_ngon(5, 0.15, 0.036)
     sheet = sheet_for(marker)
     shapes, frame = named(sheet), Frame(sheet.paper)
-    for name, words in {
+    for name, phrase in {
         "block-dots": "5",
         "block-dot-diameter": "36 mm",
         "block-size": "300 mm across",
         "block-scale": "1 : 1, print at 100 %",
     }.items():
-        x = shapes[name].segments[0][1][0][0] - text(words, 0, 0, 1.9 * frame.scale).segments[0][1][0][0]
-        assert shapes[name] == text(words, x, frame.margin, 1.9 * frame.scale, name=name) or np.allclose(
-            shapes[name].path_points, text(words, x, frame.margin, 1.9 * frame.scale).path_points, atol=1e-9
+        x = shapes[name].segments[0][1][0][0] - text(phrase, 0, 0, 1.9 * frame.scale).segments[0][1][0][0]
+        assert shapes[name] == text(phrase, x, frame.margin, 1.9 * frame.scale, name=name) or np.allclose(
+            shapes[name].path_points, text(phrase, x, frame.margin, 1.9 * frame.scale).path_points, atol=1e-9
         )
     right = bounds(shapes["block-made-with"])[2]
     assert frame.right - 1 < right <= frame.right + 1e-9
@@ -404,8 +404,8 @@ def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, mark
             point = designed.control_points[int(dot.name.removeprefix("dot-"))]
             count += 1
             # From the printer the dots are where they were designed.
-            found = (dot.x - sheet.origins_mm[0][0]) * sx, (dot.y - sheet.origins_mm[0][1]) * sy
-            assert found == pytest.approx((point.x * 1e3, point.y * 1e3), abs=1e-8)
+            result = (dot.x - sheet.origins_mm[0][0]) * sx, (dot.y - sheet.origins_mm[0][1]) * sy
+            assert result == pytest.approx((point.x * 1e3, point.y * 1e3), abs=1e-8)
         shapes = named(sheet)
         for axis, (name, scale) in enumerate((("ruler", sx), ("ruler-y", sy))):
             length = sheet.rulers_mm[axis]

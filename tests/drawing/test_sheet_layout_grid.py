@@ -54,18 +54,18 @@ def test_as_many_as_fit_then_the_next_page(family, check_page, options, paper, p
             left, _, right, top = bounds(box)
             away = [np.hypot((left + right) / 2 - x, top - y) for x, y in sheet.origins_mm]
             assert int(np.argmin(away)) == sheet.origins_mm.index(origin)
-    words = f"10 markers stand on {f'{pages} pages' if pages > 1 else 'one page'} of "
-    assert sheets[0].notes[0].startswith(words)
+    phrase = f"10 markers stand on {f'{pages} pages' if pages > 1 else 'one page'} of "
+    assert sheets[0].notes[0].startswith(phrase)
 
 
 def test_every_caption_has_the_tag_and_the_hash_of_the_spec(family, monkeypatch):
     from markergen.drawing import sheet_layout
 
     written = []
-    monkeypatch.setattr(sheet_layout, "paragraph", lambda words, *_: written.append(words) or [])
+    monkeypatch.setattr(sheet_layout, "paragraph", lambda phrase, *_: written.append(phrase) or [])
     specs = [replace(marker, provenance={"spec_hash": f"{k:08x}"}) for k, marker in enumerate(family)]
     pages_for(specs, SheetOptions("A3"))
-    names = [words for words in written if "apriltag" in words]
+    names = [phrase for phrase in written if "apriltag" in phrase]
     assert names == [f"apriltag:36h11:{k}, spec {k:08x}" for k in range(10)]
 
 

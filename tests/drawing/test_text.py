@@ -18,11 +18,11 @@ def test_capital_has_the_height_asked_for_and_stands_on_the_baseline():
     assert 10 < left < right < 10 + text_width("H", 5)
 
 
-@pytest.mark.parametrize(("align", "shift"), [("left", 0), ("center", -0.5), ("right", -1)])
-def test_alignment_shifts_by_the_width(align, shift):
+@pytest.mark.parametrize(("align", "offset"), [("left", 0), ("center", -0.5), ("right", -1)])
+def test_alignment_shifts_by_the_width(align, offset):
     width = text_width("Marker", 2)
     plain, aligned = bounds(text("Marker", 0, 0, 2)), bounds(text("Marker", 0, 0, 2, align))
-    assert aligned[0] - plain[0] == pytest.approx(shift * width, abs=1e-9)
+    assert aligned[0] - plain[0] == pytest.approx(offset * width, abs=1e-9)
 
 
 def test_width_adds_up_and_scales():

@@ -29,16 +29,16 @@ def assembled(pages, columns: int) -> np.ndarray:
             joints.append((index - 1, 0, 1))
         if index >= columns:
             joints.append((index - columns, 1, -1))
-        found = []
+        results = []
         for neighbor, axis, side in joints:
             theirs, ours = (on_edge(marks, axis, way) for marks, way in ((pages[neighbor][2], side), (crosses, -side)))
             assert len(theirs) == len(ours) > 0
             gaps = theirs + shifts[neighbor] - ours
             assert np.ptp(gaps, axis=0).max() < MICROMETER
-            found.append(gaps.mean(axis=0))
-        shifts.append(np.mean(found, axis=0) if found else np.zeros(2))
-        assert all(np.hypot(*(shift - shifts[-1])) < MICROMETER for shift in found), "all seams close"
-    return np.concatenate([dots + shift for (_, dots, _), shift in zip(pages, shifts, strict=True)])
+            results.append(gaps.mean(axis=0))
+        shifts.append(np.mean(results, axis=0) if results else np.zeros(2))
+        assert all(np.hypot(*(offset - shifts[-1])) < MICROMETER for offset in results), "all seams close"
+    return np.concatenate([dots + offset for (_, dots, _), offset in zip(pages, shifts, strict=True)])
 
 
 def on_edge(crosses: np.ndarray, axis: int, side: int) -> np.ndarray:
@@ -74,10 +74,10 @@ def test_tiles_put_together_by_their_marks_are_the_marker(
     for size, _, _ in (plan, *pages):
         assert size == pytest.approx((sheets[0].paper.width, sheets[0].paper.height), rel=1e-6)
     whole = read_pdf(write_pdf([sheet_for(marker, "5000x5000mm")]))[0][1]
-    found = assembled(pages, columns)
-    assert len(found) == len(whole) == n
-    order = [int(np.argmin(np.hypot(*(found - found.mean(axis=0) - p).T))) for p in whole - whole.mean(axis=0)]
-    moved = found[order] - found.mean(axis=0)
+    results = assembled(pages, columns)
+    assert len(results) == len(whole) == n
+    order = [int(np.argmin(np.hypot(*(results - results.mean(axis=0) - p).T))) for p in whole - whole.mean(axis=0)]
+    moved = results[order] - results.mean(axis=0)
     assert np.max(np.hypot(*(moved - (whole - whole.mean(axis=0))).T)) < MICROMETER
     for sheet in sheets:
         check_page(sheet)

@@ -28,20 +28,20 @@ def test_no_choice_of_seams_cuts_fewer(extent, room, seed, count):
         Item(float(x), float(r), 2 * float(r))
         for x, r in zip(rng.uniform(0, extent, count), rng.uniform(3, 20, count), strict=True)
     ]
-    found = find_seams(0.0, extent, room, overlap, items)
+    result = find_seams(0.0, extent, room, overlap, items)
     if extent <= room:
-        assert found.places == ()
+        assert result.places == ()
         return
-    edges = np.array([0.0, *found.places, extent])
+    edges = np.array([0.0, *result.places, extent])
     widths = np.diff(edges)
     outer, inner = room - overlap / 2, room - overlap
     assert widths[0] <= outer + 1e-9
     assert widths[-1] <= outer + 1e-9
     assert np.all(widths[1:-1] <= inner + 1e-9)
     assert widths.min() >= SHORTEST - 1e-9
-    assert cut(found.places, items) == found.cut
+    assert cut(result.places, items) == result.cut
     least = next(n for n in range(2, 99) if 2 * outer + (n - 2) * inner >= extent - 1e-9)
-    assert len(found.places) + 1 in (least, least + 1)
+    assert len(result.places) + 1 in (least, least + 1)
     # All seams on a coarse grid with as few tiles.
     if least > 4:
         return
@@ -51,8 +51,8 @@ def test_no_choice_of_seams_cuts_fewer(extent, room, seed, count):
     gaps = np.diff(np.insert(grid[chosen], [0, least - 1], [0.0, extent], axis=1), axis=1)
     wide = (gaps[:, [0, -1]] > outer).any(axis=1) | (gaps[:, 1:-1] > inner).any(axis=1)
     others = hits[chosen].sum(axis=1)[~wide & (gaps.min(axis=1) >= SHORTEST)]
-    assert np.all(others >= found.cut)
-    assert len(found.places) + 1 == least or not np.any(others == 0)
+    assert np.all(others >= result.cut)
+    assert len(result.places) + 1 == least or not np.any(others == 0)
 
 
 def test_seams_keep_to_the_middle_of_a_gap():
@@ -65,8 +65,8 @@ def test_seams_keep_to_the_middle_of_a_gap():
 def test_one_tile_more_rather_than_a_cut_dot():
     # With two tiles the seam has to be at 95 to 105, on the dot.
     assert len(find_seams(0, 200, 110, 10, []).places) == 1
-    found = find_seams(0, 200, 110, 10, [Item(100, 20, 40)])
-    assert (len(found.places), found.cut) == (2, 0)
+    result = find_seams(0, 200, 110, 10, [Item(100, 20, 40)])
+    assert (len(result.places), result.cut) == (2, 0)
 
 
 def test_a_dot_wider_than_the_paper_is_cut():

@@ -145,7 +145,7 @@ def test_flat_points_may_come_without_height(setting, pentagon):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"print_sigma": -1e-4}, "a print error of 0 to 1 m"),
         ({"print_sigma": float("nan")}, "a print error of 0 to 1 m"),
@@ -156,8 +156,8 @@ def test_flat_points_may_come_without_height(setting, pentagon):
         ({"camera_covariance": np.diag([1.0, -1.0])}, "negative variance"),
     ],
 )
-def test_unfit_sources_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
+def test_unfit_sources_are_refused(values, phrase):
+    with pytest.raises(InputError, match=phrase):
         ErrorSources(**values)
 
 
@@ -180,8 +180,8 @@ def test_a_wrong_scale_moves_the_pose_as_estimates_from_scaled_points_say(settin
     for scaled in ([1 + 1e-5, 1], [1, 1 + 1e-5]):
         images = project(xy * scaled, chosen.rotation, chosen.translation, PAPER_CAMERA.matrix)
         rotation, translation = LM.solve(Correspondences(xy, images, PAPER_CAMERA)).best
-        turned = logarithm(rotation @ chosen.rotation.swapaxes(-1, -2))
-        step = np.concatenate([turned, translation - chosen.translation], axis=-1) / 1e-5
+        rotated = logarithm(rotation @ chosen.rotation.swapaxes(-1, -2))
+        step = np.concatenate([rotated, translation - chosen.translation], axis=-1) / 1e-5
         expected += sigma**2 * step[:, :, None] * step[:, None, :]
     # Differences of 1e-5 are good to 1e-4 of the largest entry.
     np.testing.assert_allclose(budget.print, expected, atol=1e-3 * np.abs(expected).max())
@@ -210,8 +210,8 @@ def test_errors_of_places_and_of_the_relation_are_those_of_samples():
             plate, number = rig.plates[owner], dot - rig.first[owner]
             place, motion = plate.marker.xyz[number].copy(), step[6 * owner : 6 * owner + 6]
             place[:2] += printed[2 * number : 2 * number + 2] if owner == 2 else 5e-5 * rng.standard_normal(2)
-            turned = (np.eye(3) + skew(motion[:3])) @ plate.rotation_matrix @ place
-            moved.append(facing.to_marker(turned + plate.translation_vector + motion[3:]))
+            rotated = (np.eye(3) + skew(motion[:3])) @ plate.rotation_matrix @ place
+            moved.append(facing.to_marker(rotated + plate.translation_vector + motion[3:]))
         samples.append(np.ravel(moved))
     expected = sources.whole(len(dots), 3)
     sigma = np.sqrt(np.diag(expected))

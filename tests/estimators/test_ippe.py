@@ -19,9 +19,9 @@ def test_poses_that_opencv_loses_are_found_through_the_homography():
     poses = paper()
     pixels = project(OCTAGON, poses.rotation, poses.translation, PAPER_CAMERA.matrix)
     batch = Correspondences(OCTAGON, pixels, PAPER_CAMERA)
-    found = batch.once(IPPE)
-    assert found.rotation.shape == (400, 2, 3, 3)
-    assert np.isfinite(found.rotation[:, 0]).all()
+    result = batch.once(IPPE)
+    assert result.rotation.shape == (400, 2, 3, 3)
+    assert np.isfinite(result.rotation[:, 0]).all()
 
 
 def test_a_lost_pose_gets_both_solutions(monkeypatch):
@@ -30,16 +30,16 @@ def test_a_lost_pose_gets_both_solutions(monkeypatch):
     batch = Correspondences(OCTAGON, pixels, PAPER_CAMERA)
 
     def losing(batch, method, solutions):
-        found = solve_each(batch, method, solutions)
-        found.rotation[::2], found.translation[::2] = np.nan, np.nan
-        return found
+        result = solve_each(batch, method, solutions)
+        result.rotation[::2], result.translation[::2] = np.nan, np.nan
+        return result
 
     monkeypatch.setattr("markergen.estimators.ippe.solve_each", losing)
-    found = batch.once(IPPE)
+    result = batch.once(IPPE)
     # 1e-5 as for all estimators without noise.
-    assert angle_between(found.rotation[:, 0], poses.rotation).max() < 1e-5
+    assert angle_between(result.rotation[:, 0], poses.rotation).max() < 1e-5
     mirrored = mirrored_rotation(poses.rotation, poses.translation)
-    assert angle_between(found.rotation[::2, 1], mirrored[::2]).max() < 1e-5
+    assert angle_between(result.rotation[::2, 1], mirrored[::2]).max() < 1e-5
 
 
 def test_second_solution_is_near_the_mirrored_pose():

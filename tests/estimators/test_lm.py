@@ -33,15 +33,15 @@ def test_finds_the_poses_that_opencv_refines_to():
 
     batch = noisy(tilted(every=4))
     rotation, translation = batch.once(LM).best
-    objects, images, turn = opencv_arguments(batch)
+    objects, images, R = opencv_arguments(batch)
     start_rotation, start_translation = batch.once(IPPE).best
     for k in range(len(images)):
-        vector, _ = cv2.Rodrigues(start_rotation[k] @ turn[k].T)
-        vector, shift = cv2.solvePnPRefineLM(
+        vector, _ = cv2.Rodrigues(start_rotation[k] @ R[k].T)
+        vector, offset = cv2.solvePnPRefineLM(
             objects[k], images[k], PAPER_CAMERA.matrix, None, vector, start_translation[k][:, None]
         )
-        assert angle_between(exponential(vector[:, 0]) @ turn[k], rotation[k]) < 1e-5
-        assert np.linalg.norm(shift[:, 0] - translation[k]) < 1e-5
+        assert angle_between(exponential(vector[:, 0]) @ R[k], rotation[k]) < 1e-5
+        assert np.linalg.norm(offset[:, 0] - translation[k]) < 1e-5
 
 
 def test_ends_where_the_gradient_is_zero():
@@ -103,9 +103,9 @@ def test_with_a_lens_the_residuals_are_those_of_the_distorted_image():
     )
     jacobian = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)).reshape(len(poses), -1, 6) / (2 * step)
     expected = np.einsum("pij,pj->pi", np.linalg.pinv(jacobian), noise.reshape(len(poses), -1))
-    found = np.concatenate([logarithm(rotation @ poses.rotation.swapaxes(1, 2)), translation - poses.translation], -1)
+    result = np.concatenate([logarithm(rotation @ poses.rotation.swapaxes(1, 2)), translation - poses.translation], -1)
     size = np.linalg.norm(expected, axis=-1)
-    assert np.max(np.linalg.norm(found - expected, axis=-1) / size) < 0.02
+    assert np.max(np.linalg.norm(result - expected, axis=-1) / size) < 0.02
 
 
 def test_no_trial_that_begins_anywhere_is_no_error():
@@ -115,5 +115,5 @@ def test_no_trial_that_begins_anywhere_is_no_error():
     seen = to_camera(PENTAGON, poses.rotation, poses.translation)
     batch = Correspondences.from_distorted(PENTAGON, camera.to_pixels(perspective(seen)), camera)
     nothing = np.full((len(seen), 3, 3), np.nan), np.full((len(seen), 3), np.nan)
-    for found in refine(batch, *nothing):
-        assert np.isnan(found).all()
+    for result in refine(batch, *nothing):
+        assert np.isnan(result).all()

@@ -21,10 +21,10 @@ def two_solutions():
 
 def test_best_first_orders_each_trial_by_its_own_errors():
     batch, rotation, translation = two_solutions()
-    found = best_first(batch, rotation, translation)
-    assert np.array_equal(found.best[0], rotation[[0, 1], [0, 1]])
-    assert np.array_equal(found.best[1], translation[[0, 1], [0, 1]])
-    assert np.array_equal(found.rotation[:, 1], rotation[[0, 1], [1, 0]])
+    result = best_first(batch, rotation, translation)
+    assert np.array_equal(result.best[0], rotation[[0, 1], [0, 1]])
+    assert np.array_equal(result.best[1], translation[[0, 1], [0, 1]])
+    assert np.array_equal(result.rotation[:, 1], rotation[[0, 1], [1, 0]])
 
 
 def test_what_is_behind_the_camera_comes_after_what_is_in_front():
@@ -32,15 +32,15 @@ def test_what_is_behind_the_camera_comes_after_what_is_in_front():
     # The same image points, from behind.
     rotation[0, 0] = rotation[0, 0] @ np.diag([-1.0, -1.0, 1.0])
     translation[0, 0] *= -1
-    found = best_first(batch, rotation, translation)
-    assert np.array_equal(found.translation[0], translation[0, ::-1])
+    result = best_first(batch, rotation, translation)
+    assert np.array_equal(result.translation[0], translation[0, ::-1])
 
 
 def test_what_is_not_finite_comes_last():
     batch, rotation, translation = two_solutions()
     rotation[0, 0, 0, 0] = np.nan
     translation[0, 1] *= -1
-    found = best_first(batch, rotation, translation)
-    assert np.array_equal(found.translation[0, 0], translation[0, 1])
-    assert np.isnan(found.rotation[0, 1]).all()
-    assert np.isnan(found.translation[0, 1]).all()
+    result = best_first(batch, rotation, translation)
+    assert np.array_equal(result.translation[0, 0], translation[0, 1])
+    assert np.isnan(result.rotation[0, 1]).all()
+    assert np.isnan(result.translation[0, 1]).all()

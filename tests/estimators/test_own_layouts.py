@@ -30,11 +30,11 @@ def test_together_as_alone(name, height, scenes):
     if height:
         layouts = np.concatenate([layouts, np.tile([0, height, 0, height, 0], (3, 1))[..., None]], axis=-1)
     together = Correspondences(np.repeat(layouts, 4, axis=0), images.reshape(12, 5, 2), PAPER_CAMERA)
-    found = together.once(estimator)
+    result = together.once(estimator)
     for i, layout in enumerate(layouts):
         alone = Correspondences(layout, images[i], PAPER_CAMERA).once(estimator)
         part = slice(4 * i, 4 * i + 4)
-        pairs = [(found, alone)] if isinstance(found, np.ndarray) else list(zip(found.best, alone.best, strict=True))
+        pairs = [(result, alone)] if isinstance(result, np.ndarray) else list(zip(result.best, alone.best, strict=True))
         for ours, theirs in pairs:
             # Products of small matrices may be summed in another order.
             np.testing.assert_allclose(ours[part], theirs, rtol=1e-9, atol=1e-9)

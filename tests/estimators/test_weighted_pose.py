@@ -24,8 +24,8 @@ def ngon(n, heights=None):
 def observe(points, pose, sigma_px, seed=0, camera=PAPER_CAMERA):
     """Noisy pixels (m, 2) with different covariances, and these."""
     rng = np.random.default_rng([seed, pose])
-    turn = exponential(np.array([0, 0, 1.0]) * np.arange(len(points))[:, None])[:, :2, :2]
-    covariance = sigma_px**2 * (turn @ SKEWED @ turn.swapaxes(1, 2)) / 0.03
+    rotation = exponential(np.array([0, 0, 1.0]) * np.arange(len(points))[:, None])[:, :2, :2]
+    covariance = sigma_px**2 * (rotation @ SKEWED @ rotation.swapaxes(1, 2)) / 0.03
     exact = camera.project(points, POSES.rotation[[pose]], POSES.translation[[pose]])[0]
     noise = np.einsum("mij,mj->mi", np.linalg.cholesky(covariance), rng.standard_normal((len(points), 2)))
     return exact + noise, covariance
@@ -37,8 +37,8 @@ def stated(estimate):
 
 
 def error_of(estimate, pose):
-    turn = logarithm(POSES.rotation[pose] @ estimate.rotation.T)
-    return np.concatenate([turn, POSES.translation[pose] - estimate.translation])
+    rotation = logarithm(POSES.rotation[pose] @ estimate.rotation.T)
+    return np.concatenate([rotation, POSES.translation[pose] - estimate.translation])
 
 
 @pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0], [0.01] * 5])
@@ -46,12 +46,12 @@ def test_exact_points_give_the_exact_pose(heights):
     points = ngon(5, heights=heights)
     for pose in range(0, 400, 7):
         pixels, covariance = observe(points, pose, 1e-12)
-        found = estimate_pose(points, pixels, covariance * 1e20, PAPER_CAMERA)
+        result = estimate_pose(points, pixels, covariance * 1e20, PAPER_CAMERA)
         # Frontal poses amplify rounding the most.
-        assert angle_between(found.rotation, POSES.rotation[pose]) < 1e-6
-        np.testing.assert_allclose(found.translation, POSES.translation[pose], rtol=0, atol=1e-7)
-        assert found.chi2 < 1e-8
-        assert found.degrees_of_freedom == 4
+        assert angle_between(result.rotation, POSES.rotation[pose]) < 1e-6
+        np.testing.assert_allclose(result.translation, POSES.translation[pose], rtol=0, atol=1e-7)
+        assert result.chi2 < 1e-8
+        assert result.degrees_of_freedom == 4
 
 
 @pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0]])
@@ -60,10 +60,10 @@ def test_covariance_is_that_of_the_errors(heights):
     nees, chi2 = [], []
     for pose in range(0, 400, 2):
         pixels, covariance = observe(points, pose, 0.02)
-        found = estimate_pose(points, pixels, covariance, PAPER_CAMERA, EXACT)
-        error = error_of(found, pose)
-        nees.append(error @ np.linalg.solve(stated(found), error))
-        chi2.append(found.chi2)
+        result = estimate_pose(points, pixels, covariance, PAPER_CAMERA, EXACT)
+        error = error_of(result, pose)
+        nees.append(error @ np.linalg.solve(stated(result), error))
+        chi2.append(result.chi2)
     # Means of 200 of chi2 with 6 and 4 degrees of freedom scatter by 0.24 and 0.2: three times that.
     assert abs(np.mean(nees) - 6) < 0.7
     assert abs(np.mean(chi2) - 4) < 0.6
@@ -76,10 +76,10 @@ def test_print_errors_are_in_weights_and_covariance():
         rng = np.random.default_rng([7, pose])
         printed = points + [*[3e-4] * 2, 0] * rng.standard_normal((6, 3))
         pixels, covariance = observe(printed, pose, 0.05)
-        found = estimate_pose(points, pixels, covariance, PAPER_CAMERA, errors)
-        error = error_of(found, pose)
-        nees.append(error @ np.linalg.solve(stated(found), error))
-        chi2.append(found.chi2)
+        result = estimate_pose(points, pixels, covariance, PAPER_CAMERA, errors)
+        error = error_of(result, pose)
+        nees.append(error @ np.linalg.solve(stated(result), error))
+        chi2.append(result.chi2)
     # As above, with 6 degrees of freedom both. At 0.3 mm some far frontal poses leave the range of first order.
     assert abs(np.mean(nees) - 6) < 0.8
     assert abs(np.mean(chi2) - 6) < 0.7
@@ -88,29 +88,29 @@ def test_print_errors_are_in_weights_and_covariance():
 @pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0]])
 def test_print_covariance_is_that_of_displaced_points(heights):
     points, rotation, translation = ngon(5, heights=heights), POSES.rotation[[130]], POSES.translation[[130]]
-    found = print_covariance(pose_rows(points, rotation, translation), points, rotation, ErrorSources(2e-4))
+    results = print_covariance(pose_rows(points, rotation, translation), points, rotation, ErrorSources(2e-4))
     step, expected = 1e-6, np.zeros((5, 2, 2))
     for axis in range(3 if heights else 2):
         ends = (PAPER_CAMERA.project(points + s * np.eye(3)[axis], rotation, translation)[0] for s in (step, -step))
         moved = np.subtract(*ends) / PAPER_CAMERA.focal / (2 * step)
         expected += 2e-4**2 * moved[:, :, None] * moved[:, None]
     # Central differences of 1 um on 0.5 m.
-    np.testing.assert_allclose(found[0], expected, rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(results[0], expected, rtol=1e-6, atol=1e-14)
 
 
 def test_budget_is_that_of_the_pose(pentagon):
     pixels, covariance = observe(pentagon.xyz, 130, 0.02)
     calibration = np.diag([4.0, 4.0, 1.0, 1.0])
     errors = ErrorSources(1e-4, calibration)
-    found = estimate_pose(pentagon.xyz, pixels, covariance, PAPER_CAMERA, errors)
+    result = estimate_pose(pentagon.xyz, pixels, covariance, PAPER_CAMERA, errors)
     expected = pose_budget(
-        pentagon.xyz, found.rotation[None], found.translation[None], PAPER_CAMERA, covariance, errors
+        pentagon.xyz, result.rotation[None], result.translation[None], PAPER_CAMERA, covariance, errors
     )
-    for part, scale in (("image", found.scale), ("print", found.scale), ("camera", 1.0)):
-        np.testing.assert_allclose(getattr(found.budget, part), scale * getattr(expected, part)[0])
-        assert getattr(found.budget, part).shape == (6, 6)
-    whole = found.budget.image + found.budget.print + found.budget.camera
-    np.testing.assert_allclose(found.budget.total, whole)
+    for part, scale in (("image", result.scale), ("print", result.scale), ("camera", 1.0)):
+        np.testing.assert_allclose(getattr(result.budget, part), scale * getattr(expected, part)[0])
+        assert getattr(result.budget, part).shape == (6, 6)
+    whole = result.budget.image + result.budget.print + result.budget.camera
+    np.testing.assert_allclose(result.budget.total, whole)
 
 
 @pytest.mark.parametrize("n", [4, 8])
@@ -119,10 +119,10 @@ def test_the_covariance_holds_where_the_errors_are_larger_than_stated(n, factor)
     points, held = ngon(n), []
     for pose in range(0, 400, 4):
         pixels, covariance = observe(points, pose, factor * 0.02)
-        found = estimate_pose(points, pixels, covariance / factor**2, PAPER_CAMERA, EXACT)
-        error = error_of(found, pose)
+        result = estimate_pose(points, pixels, covariance / factor**2, PAPER_CAMERA, EXACT)
+        error = error_of(result, pose)
         # The 95 % point of chi^2 with 6 degrees of freedom.
-        held.append(error @ np.linalg.solve(found.budget.total, error) < 12.59)
+        held.append(error @ np.linalg.solve(result.budget.total, error) < 12.59)
     # Larger errors are estimated from 2 and 10 residuals: Fisher's distribution has 0.64 and 0.86 within 12.59, where
     # the stated covariance has 0.01. A share of 100 scatters by 0.05 and 0.035, and by 0.02 about 0.95: three times.
     assert np.mean(held) > ({4: 0.5, 8: 0.75}[n] if factor > 1 else 0.88)
@@ -144,28 +144,28 @@ def test_rough_points_tell_nothing_of_the_others_errors():
 
 def test_second_pose_is_told_where_it_is_a_contender():
     # Far away, tilted a little: the marker's perspective is below the noise.
-    points, told, mirrored_better = 0.3 * ngon(5), 0, 0
+    points, output, mirrored_better = 0.3 * ngon(5), 0, 0
     poses = np.flatnonzero((POSES.polar_angle_deg > 30) & (POSES.polar_angle_deg < 60))
     for pose in poses:
         pixels, covariance = observe(points, pose, 0.5)
-        found = estimate_pose(points, pixels, covariance, PAPER_CAMERA, EXACT)
-        if found.alternative is None:
-            assert found.likelihood_ratio == 0
+        result = estimate_pose(points, pixels, covariance, PAPER_CAMERA, EXACT)
+        if result.alternative is None:
+            assert result.likelihood_ratio == 0
             continue
-        told += 1
-        rotation, translation = found.alternative
-        assert 1e-3 < found.likelihood_ratio <= 1
-        mirrored = mirrored_rotation(found.rotation[None], found.translation[None])[0]
-        assert angle_between(rotation, mirrored) < angle_between(rotation, found.rotation)
+        output += 1
+        rotation, translation = result.alternative
+        assert 1e-3 < result.likelihood_ratio <= 1
+        mirrored = mirrored_rotation(result.rotation[None], result.translation[None])[0]
+        assert angle_between(rotation, mirrored) < angle_between(rotation, result.rotation)
         # Its chi2 is what the ratio says.
         residual = (pixels - PAPER_CAMERA.project(points, rotation[None], translation[None])[0])[..., None]
         chi2 = np.sum(residual * np.linalg.solve(covariance, residual))
-        np.testing.assert_allclose(np.exp(-(chi2 - found.chi2) / 2 / found.scale), found.likelihood_ratio, rtol=1e-3)
-        best, other = (angle_between(r, POSES.rotation[pose]) for r in (found.rotation, rotation))
+        np.testing.assert_allclose(np.exp(-(chi2 - result.chi2) / 2 / result.scale), result.likelihood_ratio, rtol=1e-3)
+        best, other = (angle_between(r, POSES.rotation[pose]) for r in (result.rotation, rotation))
         mirrored_better += other < best
-    assert told > 0.3 * len(poses)
+    assert output > 0.3 * len(poses)
     # The true pose is the second one less often than not, but it happens: that is why it is told.
-    assert 0 < mirrored_better < 0.5 * told
+    assert 0 < mirrored_better < 0.5 * output
 
 
 def test_clear_views_have_no_second_pose(pentagon):
@@ -176,8 +176,8 @@ def test_clear_views_have_no_second_pose(pentagon):
 
 def test_no_noise_at_all_is_no_hindrance(pentagon):
     pixels, _ = observe(pentagon.xyz, 130, 1e-12)
-    found = estimate_pose(pentagon.xyz, pixels, np.zeros((5, 2, 2)), PAPER_CAMERA, EXACT)
-    assert angle_between(found.rotation, POSES.rotation[130]) < 1e-6
+    result = estimate_pose(pentagon.xyz, pixels, np.zeros((5, 2, 2)), PAPER_CAMERA, EXACT)
+    assert angle_between(result.rotation, POSES.rotation[130]) < 1e-6
 
 
 def test_points_that_tell_no_pose(pentagon):
@@ -197,8 +197,8 @@ def test_pose_from_ellipses_is_consistent_too(pentagon):
         drawn = outlines(pentagon.xyz, pentagon.radii, POSES.rotation[[pose]], POSES.translation[[pose]])
         noise = 0.02 * np.random.default_rng([3, pose]).standard_normal((5, 2))
         seen = PAPER_CAMERA.from_pixels(PAPER_CAMERA.to_pixels(drawn.center[0]) + noise)
-        found = fit_pose(pentagon.xyz, pentagon.radii, seen, covariance, PAPER_CAMERA, EXACT)
-        error = error_of(found, pose)
-        nees.append(error @ np.linalg.solve(stated(found), error))
+        result = fit_pose(pentagon.xyz, pentagon.radii, seen, covariance, PAPER_CAMERA, EXACT)
+        error = error_of(result, pose)
+        nees.append(error @ np.linalg.solve(stated(result), error))
     # As above.
     assert abs(np.mean(nees) - 6) < 0.7

@@ -111,8 +111,8 @@ def test_own_objective():
     # In a process of its own: what it registers stays registered.
     command = [sys.executable, str(EXAMPLES / "own_objective.py"), "4"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    own, pose = (float(line.split()[3]) for line in done.stdout.splitlines())
-    assert own <= pose * 1.001
+    ours, pose = (float(line.split()[3]) for line in done.stdout.splitlines())
+    assert ours <= pose * 1.001
 
 
 @pytest.mark.long

@@ -57,9 +57,9 @@ def header():
 @pytest.mark.parametrize(("pad", "big"), [(0, False), (5, True)])
 def test_images_of_any_layout_are_those_of_opencv(ros, encoding, channels, kind, pad, big):
     truth = np.random.default_rng(0).integers(0, np.iinfo(kind).max, (4, 6, len(channels))).astype(kind)
-    found = ros.array_of(message(truth[..., channels], encoding, pad, big))
-    np.testing.assert_array_equal(found, truth[..., 0] if len(channels) == 1 else truth)
-    assert found.dtype == kind
+    result = ros.array_of(message(truth[..., channels], encoding, pad, big))
+    np.testing.assert_array_equal(result, truth[..., 0] if len(channels) == 1 else truth)
+    assert result.dtype == kind
 
 
 def test_other_images_are_refused_in_a_line(ros):
@@ -102,14 +102,14 @@ def test_the_pose_and_its_covariance_are_as_ros_means_them(ros, monkeypatch, tmp
     np.testing.assert_allclose(translation, POSE[1], atol=2e-3)
     np.testing.assert_allclose(rotation, POSE[0], atol=0.01)
 
-    found = node.before[0]
+    finding = node.before[0]
 
     def pixels(step):
-        turned, moved = exponential(step[3:]) @ rotation, translation + step[:3]
-        return CAMERA.project(marker.xyz[found.ids], turned[None], moved[None])[0]
+        rotated, moved = exponential(step[3:]) @ rotation, translation + step[:3]
+        return CAMERA.project(marker.xyz[finding.ids], rotated[None], moved[None])[0]
 
     slopes = np.stack([(pixels(e) - pixels(-e)) / 2e-6 for e in 1e-6 * np.eye(6)], axis=-1)
-    weights = np.linalg.inv(found.pixel_covariance)
+    weights = np.linalg.inv(finding.pixel_covariance)
     expected = np.linalg.inv(np.einsum("kia,kij,kjb->ab", slopes, weights, slopes))
     scale = np.trace(covariance) / np.trace(expected)  # chi2 over its degrees of freedom, if that is above 1
     np.testing.assert_allclose(covariance, scale * expected, rtol=0.02, atol=1e-3 * scale * np.abs(expected).max())

@@ -65,10 +65,10 @@ def photograph(marker, folder) -> np.ndarray:
     (folder / "sheet.pdf").write_bytes(write_pdf([sheet]))
     page = by_pdfium(folder)
     dots = centers(page, sheet) / 1e3
-    turn, shift = rigid_motion(dots, marker.xyz[:, :2])
-    assert np.abs(dots @ turn.T + shift - marker.xyz[:, :2]).max() < 2e-5
+    R, offset = rigid_motion(dots, marker.xyz[:, :2])
+    assert np.abs(dots @ R.T + offset - marker.xyz[:, :2]).max() < 2e-5
     on_page = np.array([[MM, 0, MM / 2], [0, -MM, sheet.paper.height - MM / 2], [0, 0, 1e3]]) / 1e3
-    to_marker = np.vstack([np.column_stack([turn, shift]), [0, 0, 1]])
+    to_marker = np.vstack([np.column_stack([R, offset]), [0, 0, 1]])
     rotation, translation = pose()
     view = matrix(*PRINCIPAL) @ np.column_stack([rotation[:, :2], translation]) @ to_marker @ on_page
     # About two pixels of the page to one of the view.
@@ -79,21 +79,21 @@ def photograph(marker, folder) -> np.ndarray:
 def bundle(marker) -> tuple[float, np.ndarray, np.ndarray]:
     """Size, rotation and place of the tag in the bundle, as apriltag_ros reads them."""
     (tag,) = yaml.safe_load(write_bundle(marker))["tag_bundles"][0]["layout"]
-    turn = Rotation.from_quat([tag[key] for key in ("qx", "qy", "qz", "qw")]).as_matrix()
-    return tag["size"], turn, np.array([tag[key] for key in "xyz"])
+    rotation = Rotation.from_quat([tag[key] for key in ("qx", "qy", "qz", "qw")]).as_matrix()
+    return tag["size"], rotation, np.array([tag[key] for key in "xyz"])
 
 
 @pytest.mark.parametrize("name", [NAMES[0], *(pytest.param(name, marks=pytest.mark.long) for name in NAMES[1:])])
 def test_poses_by_apriltag_are_those_of_the_marker_frame(name, make_ngon, tmp_path):
     marker = marker_with(make_ngon, name)
-    size, turn, place = bundle(marker)
+    size, R, place = bundle(marker)
     # AprilTag counts pixels from the corner of the first, we from its middle.
     camera = (FOCAL, FOCAL, PRINCIPAL[0] + 0.5, PRINCIPAL[1] + 0.5)
-    (found,) = detector(name)[0].detect(photograph(marker, tmp_path), True, camera, size)
-    assert found.tag_id == marker.tag.id
+    (finding,) = detector(name)[0].detect(photograph(marker, tmp_path), True, camera, size)
+    assert finding.tag_id == marker.tag.id
     # AprilTag's tag has y down and z into the paper, apriltag_ros's y up and z toward the viewer.
-    seen, at = found.pose_R @ np.diag([1, -1, -1]), found.pose_t.ravel()
-    rotation = seen @ turn.T
+    seen, at = finding.pose_R @ np.diag([1, -1, -1]), finding.pose_t.ravel()
+    rotation = seen @ R.T
     translation = at - rotation @ place
     true_rotation, true_translation = pose()
     corners = np.pad(marker.tag.corners, ((0, 0), (0, 1)))
@@ -104,7 +104,7 @@ def test_poses_by_apriltag_are_those_of_the_marker_frame(name, make_ngon, tmp_pa
     assert np.linalg.norm(translation - true_translation) < 3 * np.sqrt(np.trace(spread[3:, 3:]))
     # Its corners count from its own lower left one, counterclockwise: our top right, top left, and so on.
     pixels = (corners @ true_rotation.T + true_translation) @ matrix(*camera[2:]).T
-    off = found.corners - (pixels[:, :2] / pixels[:, 2:])[[1, 0, 3, 2]]
+    off = finding.corners - (pixels[:, :2] / pixels[:, 2:])[[1, 0, 3, 2]]
     assert np.abs(off).max() < 3 * CORNER_PX
     assert np.abs(off.mean(axis=0)).max() < 1.5 * CORNER_PX
 
@@ -128,10 +128,12 @@ def test_lists_say_that_apriltag_sees_it_upside_down(write, make_ngon):
 
 
 def test_a_family_that_apriltag_ros_lacks_is_told(make_ngon):
-    said = {name: EXPORTERS[".apriltag.yaml"]([marker_with(make_ngon, name)], ExportOptions()).notes for name in NAMES}
-    assert [name for name in NAMES if said[name]] == ["36h10"]
-    assert "apriltag_ros does not" in said["36h10"][0]
-    assert said["36h10"][0] in write_bundle(marker_with(make_ngon, "36h10"))
+    message = {
+        name: EXPORTERS[".apriltag.yaml"]([marker_with(make_ngon, name)], ExportOptions()).notes for name in NAMES
+    }
+    assert [name for name in NAMES if message[name]] == ["36h10"]
+    assert "apriltag_ros does not" in message["36h10"][0]
+    assert message["36h10"][0] in write_bundle(marker_with(make_ngon, "36h10"))
 
 
 def test_the_size_is_that_of_the_print(make_ngon):

@@ -47,11 +47,11 @@ def writer(request):
 
 def test_comments_say_what_it_is_about(writer, marker):
     comments = [line for line in writer(marker).splitlines() if line.startswith("# ")]
-    words = "\n".join(comments)
-    assert "markergen-1a2b3c4d: 7 dots" in words
-    assert sentence("frame") in words
-    assert "Unit: m." in words
-    assert "measured" not in words
+    phrase = "\n".join(comments)
+    assert "markergen-1a2b3c4d: 7 dots" in phrase
+    assert sentence("frame") in phrase
+    assert "Unit: m." in phrase
+    assert "measured" not in phrase
     assert max(map(len, writer(marker).splitlines())) < 260
 
 
@@ -102,9 +102,9 @@ def test_opencv_finds_the_tag_by_its_board(marker, family):
     size, center = 400, 499.5
     picture = np.full((1000, 1000), 255, dtype=np.uint8)
     picture[300:700, 300:700] = cv2.aruco.generateImageMarker(dictionary, 7, size)
-    found, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(picture)
+    finding, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(picture)
     assert np.ravel(numbers).tolist() == [7]
-    object_points, image_points = board.matchImagePoints(found, numbers)
+    object_points, image_points = board.matchImagePoints(finding, numbers)
     expected = object_points.reshape(-1, 3)[:, :2] * [1e4, -1e4] + center
     # Corners of a raster are found to half a pixel without refinement.
     np.testing.assert_allclose(image_points.reshape(-1, 2), expected, atol=1.0)
@@ -116,8 +116,8 @@ def table(text: str) -> list[dict[str, str]]:
 
 def test_csv_has_every_point_to_the_last_bit(marker):
     rows = table(write_table(marker))
-    found = np.array([[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in rows])
-    np.testing.assert_array_equal(found, marker.xyz)
+    result = np.array([[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in rows])
+    np.testing.assert_array_equal(result, marker.xyz)
     assert [(int(row["id"]), row["feature"]) for row in rows] == [
         (point.id, point.feature.kind) for point in marker.control_points
     ]
@@ -130,8 +130,8 @@ def test_csv_has_every_point_to_the_last_bit(marker):
 
 def test_csv_has_covariances_where_places_were_measured(plain):
     first, *rest = plain.control_points
-    known = replace(plain, control_points=(replace(first, covariance=(1e-10, -2e-11, 4e-10)), *rest))
-    rows = table(write_table(known))
+    reference = replace(plain, control_points=(replace(first, covariance=(1e-10, -2e-11, 4e-10)), *rest))
+    rows = table(write_table(reference))
     assert [float(rows[0][name]) for name in ("var_x_m2", "cov_xy_m2", "var_y_m2")] == [1e-10, -2e-11, 4e-10]
     assert rows[1]["var_x_m2"] == ""
 

@@ -48,13 +48,13 @@ def corner_errors(markers, options=None):
         image = page.render(scale=150 / 72, grayscale=True).to_numpy().squeeze()
         # The picture has whole pixels: in a page's width are not exactly 150 to the inch.
         pitch = np.array([sheet.paper.width / image.shape[1], sheet.paper.height / image.shape[0]])
-        found = find_tags(image, markers[0].tag.family, FiducialSettings("subpix"))
-        assert len(found) == len(sheet.origins_mm)
+        results = find_tags(image, markers[0].tag.family, FiducialSettings("subpix"))
+        assert len(results) == len(sheet.origins_mm)
         for origin in sheet.origins_mm:
             marker = left.pop(0)
             x, y = (1e3 * marker.tag.corners + origin).T
             exact = np.stack([x, sheet.paper.height - y], axis=-1) / pitch - 0.5
-            (corners,) = (quad for number, quad in found if number == marker.tag.id)
+            (corners,) = (quad for number, quad in results if number == marker.tag.id)
             errors.append(np.linalg.norm(corners - exact, axis=-1).max())
     document.close()
     assert not left
@@ -89,16 +89,16 @@ def test_a_family_is_one_sheet_and_a_file_for_each(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("count", "paper", "words"),
+    ("count", "paper", "phrase"),
     [
         (10, None, "10 markers stand on 5 pages of A4 (210 x 297 mm), up to 2 on each."),
         (3, "letter", "3 markers stand on 2 pages of letter-landscape (279.4 x 215.9 mm), up to 2 on each."),
         (2, None, "2 markers stand on one page of A4 (210 x 297 mm)."),
     ],
 )
-def test_they_fill_pages_of_a4_or_of_the_paper(count, paper, words):
+def test_they_fill_pages_of_a4_or_of_the_paper(count, paper, phrase):
     sheets = pages_for(family(count), SheetOptions(paper))
-    assert sheets[0].notes[0] == words
+    assert sheets[0].notes[0] == phrase
     assert [len(sheet.origins_mm) for sheet in sheets] == [2] * (count // 2) + [1] * (count % 2)
     # With each its number and the ids on it.
     named = [{shape.name for shape in sheet.scene["text"]} for sheet in sheets]
@@ -128,13 +128,13 @@ def test_pages_of_several_tiled_markers_are_numbered_through(monkeypatch):
 
     written = []
     draw = tile_sheets.text
-    monkeypatch.setattr(tile_sheets, "text", lambda words, *a, **k: written.append(words) or draw(words, *a, **k))
+    monkeypatch.setattr(tile_sheets, "text", lambda phrase, *a, **k: written.append(phrase) or draw(phrase, *a, **k))
     markers = [pentagon(0.1, 0.02, f"aruco:DICT_4X4_50:{k}") for k in (3, 7)]
     sheets = pages_for(markers, SheetOptions("A4"))
     assert len(sheets) == 6
-    said = " ".join(written)
-    assert "Print pages 2 to 3 at 100 %" in said
-    assert "Print pages 5 to 6 at 100 %" in said
+    message = " ".join(written)
+    assert "Print pages 2 to 3 at 100 %" in message
+    assert "Print pages 5 to 6 at 100 %" in message
 
 
 def test_names_of_files_for_each_keep_their_suffixes():

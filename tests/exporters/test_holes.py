@@ -72,14 +72,14 @@ def cases(make_ngon) -> dict[str, Case]:
     outline = drawn(0.09, circle(0.005, 0.06, -0.05, hole=True), circle(0.002, -0.06, -0.06, hole=True),
                     circle(0.0045, 0.08, 0.0, hole=True))  # fmt: skip
     on_plate = Substrate(outline=outline, holes=BORED)
-    own = [SLOTTED, disk(60, -50, 4), disk(-60, -60, 3)]
+    ours = [SLOTTED, disk(60, -50, 4), disk(-60, -60, 3)]
     both = [SLOTTED, disk(60, -50, 5), disk(-60, -60, 3), disk(80, 0, 4.5)]
     of_outline = [disk(60, -50, 5), disk(-60, -60, 2), disk(80, 0, 4.5)]
     return {
         "edge": Case(replace(plain, substrate=plates["edge"]), [disk(0, 0, 55)], [disk(0, 0, 75)], MOUNTS, FREE),
         "drawing": Case(
             replace(plain, boundary=rough, substrate=plates["drawing"]),
-            [box(-70, -70, 70, 70)], [box(-70, -70, 70, 70)], MOUNTS + own, FREE,
+            [box(-70, -70, 70, 70)], [box(-70, -70, 70, 70)], MOUNTS + ours, FREE,
         ),
         "outline": Case(
             replace(plain, substrate=on_plate), [disk(0, 0, 55)], [box(-90, -90, 90, 90)], MOUNTS + of_outline, FREE,
@@ -99,12 +99,12 @@ def shape_of(ring: np.ndarray) -> Shape:
     return (shapely.Polygon(ring).area, *shapely.LinearRing(ring).bounds)
 
 
-def same(found: list[Shape], wanted: list[Shape], off: float = 2e-3) -> None:
+def same(results: list[Shape], wanted: list[Shape], off: float = 2e-3) -> None:
     """Contours agree one by one, `off` in mm, and areas accordingly."""
-    assert len(found) == len(wanted)
-    found, wanted = (np.array(sorted(shapes, key=lambda s: np.round(s, 1).tolist())) for shapes in (found, wanted))
-    np.testing.assert_allclose(found[:, 1:], wanted[:, 1:], rtol=0, atol=off)
-    np.testing.assert_allclose(found[:, 0], wanted[:, 0], rtol=2 * off)
+    assert len(results) == len(wanted)
+    results, wanted = (np.array(sorted(shapes, key=lambda s: np.round(s, 1).tolist())) for shapes in (results, wanted))
+    np.testing.assert_allclose(results[:, 1:], wanted[:, 1:], rtol=0, atol=off)
+    np.testing.assert_allclose(results[:, 0], wanted[:, 0], rtol=2 * off)
 
 
 def of_dxf(data: bytes) -> dict[str, list[Shape]]:
@@ -126,9 +126,9 @@ def test_dxf(cases, name, process, tmp_path):
     same(layers["CUT"], case.holes + (case.plate if process == "laser" else case.sheet))
     same(layers["INFO"], case.told)
     assert set(layers) == {"CUT", "ENGRAVE", "INFO"}
-    (_, left, low, right, high), told = case.sheet[0], " ".join(output.notes)
+    (_, left, low, right, high), message = case.sheet[0], " ".join(output.notes)
     beyond = [hole for hole in case.holes if hole[1] < left or hole[2] < low or hole[3] > right or hole[4] > high]
-    assert ("beyond the boundary" in told) == bool(beyond and process != "laser")
+    assert ("beyond the boundary" in message) == bool(beyond and process != "laser")
     # Holes and keep-outs as large as dots are no dots.
     (tmp_path / "m.dxf").write_bytes(output.data)
     assert verify(case.marker, tmp_path / "m.dxf").findings == ()
@@ -171,9 +171,9 @@ def of_pdf(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
 
 
 def layer_of(thing) -> str:
-    mark, words, size = pdfium.raw.FPDFPageObj_GetMark(thing.raw, 0), (ctypes.c_ushort * 40)(), ctypes.c_ulong()
-    pdfium.raw.FPDFPageObjMark_GetParamStringValue(mark, b"Name", words, 80, size)
-    return bytes(words)[: size.value - 2].decode("utf-16-le")
+    mark, phrase, size = pdfium.raw.FPDFPageObj_GetMark(thing.raw, 0), (ctypes.c_ushort * 40)(), ctypes.c_ulong()
+    pdfium.raw.FPDFPageObjMark_GetParamStringValue(mark, b"Name", phrase, 80, size)
+    return bytes(phrase)[: size.value - 2].decode("utf-16-le")
 
 
 @pytest.mark.parametrize(
@@ -279,8 +279,8 @@ def test_step(cases, name, process, tmp_path):
     solids = importers.importStep(str(tmp_path / "m.step")).solids().vals()
     plate = max(solids, key=lambda solid: solid.BoundingBox().xlen)
     (face,) = [face for face in plate.Faces() if face.BoundingBox().zmax < plate.BoundingBox().zmin + 1e-6]
-    found = []
+    result = []
     for wire in (face.outerWire(), *face.innerWires()):
         around = wire.BoundingBox(1e-4)
-        found.append((Face.makeFromWires(wire).Area(), around.xmin, around.ymin, around.xmax, around.ymax))
-    same(found, case.holes + case.plate)
+        result.append((Face.makeFromWires(wire).Area(), around.xmin, around.ymin, around.xmax, around.ymax))
+    same(result, case.holes + case.plate)

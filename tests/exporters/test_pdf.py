@@ -62,8 +62,8 @@ def test_every_dot_is_within_5_um_of_the_marker(case):
         true = np.array([sheet.origins_mm[0][0] + point.x * 1e3, sheet.origins_mm[0][1] + point.y * 1e3])
         # Half the quiet zone more than the dot: nothing else can be in the window.
         half = 0.7 * point.feature.diameter * 1e3
-        found = np.array(centroid(ink, ink.shape[0] * MM, *(true * factor), half)) / factor
-        worst = max(worst, float(np.hypot(*(found - true))))
+        result = np.array(centroid(ink, ink.shape[0] * MM, *(true * factor), half)) / factor
+        worst = max(worst, float(np.hypot(*(result - true))))
     assert worst < 5e-3
 
 
@@ -128,8 +128,8 @@ def objects(data: bytes) -> str:
 
 
 def page_streams(data: bytes) -> list[str]:
-    found = re.findall(rb"/FlateDecode.*?stream\r?\n(.*?)endstream", data, re.DOTALL)
-    return [zlib.decompressobj().decompress(stream).decode() for stream in found]
+    results = re.findall(rb"/FlateDecode.*?stream\r?\n(.*?)endstream", data, re.DOTALL)
+    return [zlib.decompressobj().decompress(stream).decode() for stream in results]
 
 
 def test_layers_are_optional_content_in_painting_order(case):

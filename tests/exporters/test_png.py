@@ -34,8 +34,8 @@ def test_every_dot_is_within_a_tenth_of_a_micrometer(make_ngon, sheet, dpi):
         top, left = round((y - half) * per_mm), round((x - half) * per_mm)
         patch = ink[top : round((y + half) * per_mm), left : round((x + half) * per_mm)]
         rows, columns = np.indices(patch.shape) + 0.5
-        found = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum() + [left, top]
-        assert np.hypot(*(found / per_mm - [x, y])) < 1e-4
+        result = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum() + [left, top]
+        assert np.hypot(*(result / per_mm - [x, y])) < 1e-4
 
 
 @pytest.mark.parametrize(("dpi", "per_meter"), [(600, 23622), (300, 11811), (150, 5906)])

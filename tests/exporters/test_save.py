@@ -213,8 +213,8 @@ def test_folders_that_were_made_go_again_if_nothing_is_written(tmp_path):
 
 def test_exporters_are_told_what_the_file_is_called(make_ngon, tmp_path, monkeypatch):
     stems = []
-    told = replace(EXPORTERS[".csv"], write=lambda _, options: stems.append(options.stem) or Output(b"1"))
-    monkeypatch.setitem(EXPORTERS._entries, ".csv", told)
+    output = replace(EXPORTERS[".csv"], write=lambda _, options: stems.append(options.stem) or Output(b"1"))
+    monkeypatch.setitem(EXPORTERS._entries, ".csv", output)
     save(make_ngon(5, 0.05, 0.01), [tmp_path / "1.5mm.csv", tmp_path / "M.CSV"])
     assert stems == ["1.5mm", "M"]
     assert stem_of(Path("out/board.fab.pdf")) == "board"

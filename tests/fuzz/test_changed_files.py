@@ -108,13 +108,13 @@ def silent(path, kind, name, step=1):
     row = READERS[kind][0][name]
     if not isinstance(row[0], str):
         return [], 0
-    before, said = result_of(path, kind, row, row[0])
+    before, message = result_of(path, kind, row, row[0])
     changes, count = [], 0
     for text, change in list(misspelled(row[0]))[::step] if before is not None else []:
         after, remarks = result_of(path, kind, row, text)
         count += 1
         same = after == before if isinstance(before, list) else after is not None and is_close(after, before)
-        if after is not None and not same and len(remarks) <= len(said) and remarks == said:
+        if after is not None and not same and len(remarks) <= len(message) and remarks == message:
             changes.append(change)
     return changes, count
 

@@ -93,7 +93,7 @@ def test_a_name_that_is_too_long_is_no_path():
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "phrase"),
     [
         # Each outline lies in all before it: three million pairs.
         (
@@ -116,8 +116,8 @@ def test_a_name_that_is_too_long_is_no_path():
     ],
     ids=["nested", "clips", "classes", "styles", "transforms", "closes", "lines"],
 )
-def test_what_would_take_long_is_refused_soon(refused, body, words):
-    assert words in refused(svg(body))
+def test_what_would_take_long_is_refused_soon(refused, body, phrase):
+    assert phrase in refused(svg(body))
 
 
 def test_many_groups_of_one_name_do_not_take_long(tmp_path):
@@ -155,7 +155,7 @@ def test_the_root_has_a_style_too(area, refused):
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "phrase"),
     [
         ('<style>@import url("http://a.b/c.css");</style>', "no references to other files"),
         ("<style>rect{fill:url(http://a.b/c.svg#d)}</style>", "no references to other files"),
@@ -164,8 +164,8 @@ def test_the_root_has_a_style_too(area, refused):
         ("<style>.a{fill:red;transform:scale(2)}</style>", "transforms as attributes"),
     ],
 )
-def test_styles_from_elsewhere_or_too_clever(refused, area, body, words):
-    assert words in refused(svg(body + PLATE))
+def test_styles_from_elsewhere_or_too_clever(refused, area, body, phrase):
+    assert phrase in refused(svg(body + PLATE))
     fonts = "<style>@font-face{src:url(https://a.b/c.woff)} .a , rect.b,#c{fill:url(#d)}</style>"
     assert area(svg(fonts + PLATE)) == pytest.approx(1000, rel=1e-9)
 
@@ -246,7 +246,7 @@ def test_sizes_in_words_that_are_meant_in_mm():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "phrase"),
     [
         # A fisheye without coefficients is no pinhole camera.
         ("[0.1, -0.02, 0.001, 0.0002]", "[]", "4 coefficients of the distortion model 'equidistant' at d in"),
@@ -257,8 +257,8 @@ def test_sizes_in_words_that_are_meant_in_mm():
         ("distortion_model: equidistant\nd:", "distortion_coeffizients:", "found only 'distortion_coeffizients'"),
     ],
 )
-def test_cameras_that_would_be_misunderstood(refused, old, new, words):
-    assert words in refused(CAMERA.replace(old, new), read_camera)
+def test_cameras_that_would_be_misunderstood(refused, old, new, phrase):
+    assert phrase in refused(CAMERA.replace(old, new), read_camera)
 
 
 def test_other_cameras_that_would_be_misunderstood(refused):

@@ -45,9 +45,9 @@ def polygon(contour):
 def contours(draw):
     """Star-shaped corners, and arcs that leave the contour free of crossings more often than not."""
     count = draw(st.integers(2, 9))
-    turn = draw(st.floats(0, 2 * pi))
+    rotation = draw(st.floats(0, 2 * pi))
     radii = draw(st.lists(st.floats(0.5, 2.0), min_size=count, max_size=count))
-    angles = turn + 2 * pi * np.arange(count) / count
+    angles = rotation + 2 * pi * np.arange(count) / count
     bulges = draw(st.lists(st.sampled_from([0.0, 0.1, -0.1, 0.3, -0.3, 0.75, 1.0]), min_size=count, max_size=count))
     x, y = draw(st.tuples(st.floats(-5, 5), st.floats(-5, 5)))
     points = [(float(x + r * cos(a)), float(y + r * sin(a))) for r, a in zip(radii, angles, strict=True)]
@@ -113,8 +113,8 @@ def test_placed_is_a_similarity(contour, scale, shift):
 
 def test_a_circle_that_is_placed_keeps_its_diameter():
     x, y = 0.1 * cos(pi / 7), 0.1 * sin(pi / 7)
-    for shift in np.random.default_rng(0).uniform(-0.1, 0.1, (50, 2)):
-        hole = placed(circle(0.0045, x, y, hole=True), 1.0, shift, 12)
+    for displacement in np.random.default_rng(0).uniform(-0.1, 0.1, (50, 2)):
+        hole = placed(circle(0.0045, x, y, hole=True), 1.0, displacement, 12)
         assert hole.is_circle
         assert placed(hole, 1e3, digits=9).as_circle[2] == pytest.approx(4.5, abs=1e-13)
         assert placed(hole, 1.0, digits=12) == hole
@@ -149,10 +149,10 @@ def test_arcs_that_make_up_a_circle_are_one(count, first, sign, shares):
     ends = np.concatenate([[0], np.cumsum(shares[:count])])
     angles = first + sign * 2 * pi * ends / ends[-1]
     corners = tuple((3 + 4.5 * cos(a), 7 + 4.5 * sin(a)) for a in angles[:-1].tolist())
-    found = merged(Contour(corners, tuple(np.tan(np.diff(angles) / 4).tolist())), 1e-3)
-    assert found.is_circle
-    assert found.as_circle == pytest.approx((3, 7, 4.5), abs=1e-9)
-    assert area(found) == pytest.approx(sign * pi * 4.5**2)
+    result = merged(Contour(corners, tuple(np.tan(np.diff(angles) / 4).tolist())), 1e-3)
+    assert result.is_circle
+    assert result.as_circle == pytest.approx((3, 7, 4.5), abs=1e-9)
+    assert area(result) == pytest.approx(sign * pi * 4.5**2)
 
 
 @pytest.mark.parametrize(
@@ -182,8 +182,8 @@ def test_flattened_is_on_the_contour(contour):
             for x, y in side[:2]:
                 assert hypot(x - cx, y - cy) == pytest.approx(radius)
             sweep = 4 * atan(side[2])
-            turn = atan2(side[1][1] - cy, side[1][0] - cx) - atan2(side[0][1] - cy, side[0][0] - cx) - sweep
-            assert cos(turn) == pytest.approx(1)
+            rotation = atan2(side[1][1] - cy, side[1][0] - cx) - atan2(side[0][1] - cy, side[0][0] - cx) - sweep
+            assert cos(rotation) == pytest.approx(1)
 
 
 def test_a_circle_remembers_the_digits_that_it_was_made_of():

@@ -75,9 +75,9 @@ def test_special_places(outline):
 
 def test_agrees_with_the_ellipse_in_closed_form():
     center, semi, angle = np.array([19.3, 14.7]), np.array([9.6, 3.3]), 0.4
-    turn = 2 * np.pi * np.arange(4096) / 4096
+    rotation = 2 * np.pi * np.arange(4096) / 4096
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    outline = center + (semi * np.stack([np.cos(turn), np.sin(turn)], axis=-1)) @ axes
+    outline = center + (semi * np.stack([np.cos(rotation), np.sin(rotation)], axis=-1)) @ axes
     tile, top, left = ellipse_coverage(center, semi, angle, 40, 30)
     expected = np.zeros((30, 40))
     expected[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
@@ -98,13 +98,13 @@ def test_nothing_is_drawn_of_nothing():
     assert full_image([[(1, 1), (2, 2)]]).sum() == 0
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_painting_mixes_by_covered_share(turned):
+@pytest.mark.parametrize("rotated", [False, True])
+def test_painting_mixes_by_covered_share(rotated):
     outline = np.array([(0.0, -0.5), (2.5, -0.5), (2.5, 1.0), (0.0, 1.0)])
     texture = np.arange(12, dtype=np.float32).reshape(3, 4)
     for value in (5.0, texture):
         image = np.full((3, 4), 1.0, dtype=np.float32)
-        paint(image, [outline[::-1] if turned else outline], value, 1)
+        paint(image, [outline[::-1] if rotated else outline], value, 1)
         share = np.outer([1, 0.5, 0], [0.5, 1, 1, 0])
         np.testing.assert_allclose(image, 1 + share * (value - np.ones((3, 4))), rtol=0, atol=1e-6)
 

@@ -26,8 +26,8 @@ NOTCHED = Contour(((0.0, 0.0), (60.0, 0.0), (60.0, 20.0), (20.0, 20.0), (20.0, 6
 def d_shape(radius, flat):
     """Circle of a radius cut off at x = flat."""
     half = sqrt(radius**2 - flat**2)
-    turn = 2 * pi - 2 * acos(flat / radius)
-    return Contour(((flat, half), (-radius, 0.0), (flat, -half)), (tan(turn / 8), tan(turn / 8), 0.0))
+    rotation = 2 * pi - 2 * acos(flat / radius)
+    return Contour(((flat, half), (-radius, 0.0), (flat, -half)), (tan(rotation / 8), tan(rotation / 8), 0.0))
 
 
 BITE = Contour(((0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (30.0, 30.0), (10.0, 30.0), (0.0, 30.0)), (0, 0, 0, -1.0, 0, 0))
@@ -41,15 +41,15 @@ LENS = Contour(((-10.0, 0.0), (10.0, 0.0)), (0.5, 0.5))
 )
 @pytest.mark.parametrize("radius", [0.1, 1.0, 2.0])
 def test_all_corners_are_smooth_and_of_the_radius(contour, radius):
-    sharp = sum(abs(turn) > SHARP for turn in turns_of(contour))
-    found = filleted(contour, radius, SHARP)
-    assert max(map(abs, turns_of(found))) < 1e-7
-    assert sum(abs(radius_of(side) - radius) < 1e-9 for side in found.sides) == sharp
+    sharp = sum(abs(rotation) > SHARP for rotation in turns_of(contour))
+    result = filleted(contour, radius, SHARP)
+    assert max(map(abs, turns_of(result))) < 1e-7
+    assert sum(abs(radius_of(side) - radius) < 1e-9 for side in result.sides) == sharp
     # Arcs that were there keep their centers and radii.
-    kept = [(*center_of(side), radius_of(side)) for side in found.sides if side[2]]
+    kept = [(*center_of(side), radius_of(side)) for side in result.sides if side[2]]
     for side in contour.sides:
         if side[2]:
-            assert any(each == pytest.approx((*center_of(side), radius_of(side)), abs=1e-9) for each in kept)
+            assert any(item == pytest.approx((*center_of(side), radius_of(side)), abs=1e-9) for item in kept)
 
 
 def test_corners_between_lines_lose_or_gain_what_they_should():

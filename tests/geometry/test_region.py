@@ -120,7 +120,7 @@ def test_a_line_runs_through_a_region_in_parts(frame):
 def test_triangles_make_up_the_whole(frame):
     corners, area = frame.triangles()
     assert area.sum() == pytest.approx(frame.area)
-    assert np.abs([signed_area(each) for each in corners]) == pytest.approx(area)
+    assert np.abs([signed_area(corner) for corner in corners]) == pytest.approx(area)
     assert not len(Region().triangles()[1])
 
 

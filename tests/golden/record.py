@@ -171,7 +171,7 @@ def exported(inputs, suffix, options):
         except mg.MarkergenError as error:
             return {}, [str(error)]
         files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-        return files, [f"{each.path.name}: {note}" for each in written for note in each.notes]
+        return files, [f"{item.path.name}: {note}" for item in written for note in item.notes]
 
 
 def table(suffixes, cases=None):
@@ -220,9 +220,9 @@ def saved(thing):
 
 
 def record_designs():
-    found = {name: reference(designed(options)) for name, options in DESIGN_CASES.items()}
+    result = {name: reference(designed(options)) for name, options in DESIGN_CASES.items()}
     text = re.sub(
-        r"\[\s+([-\d.e, \n]+?)\s+\]", lambda row: "[" + " ".join(row[1].split()) + "]", json.dumps(found, indent=1)
+        r"\[\s+([-\d.e, \n]+?)\s+\]", lambda row: "[" + " ".join(row[1].split()) + "]", json.dumps(result, indent=1)
     )
     DESIGNS.write_text(text + "\n")
 
@@ -278,7 +278,9 @@ def interface(folder):
     for name in sorted(mg.__all__):
         thing = getattr(mg, name)
         members = [member for member in dir(thing) if not member.startswith("_")] if inspect.isclass(thing) else []
-        signature = [str(each) for each in inspect.signature(thing).parameters.values()] if not members else []
+        signature = (
+            [str(parameter) for parameter in inspect.signature(thing).parameters.values()] if not members else []
+        )
         names[name] = {"parameters": signature, "members": members}
     folder.json("names", names)
     folder.command("help", "--help")
@@ -293,8 +295,8 @@ def exports(folder):
     for case, names, options, taken in CASES:
         notes = []
         for suffix in taken:
-            files, said = exported(names.split(), suffix, options)
-            notes += [f"{suffix} {sentence}\n" for sentence in said]
+            files, message = exported(names.split(), suffix, options)
+            notes += [f"{suffix} {sentence}\n" for sentence in message]
             for name, data in files.items():
                 folder.write(f"{case.replace(' ', '-')}/{suffix[1:]}/{name}", data)
         folder.write(f"{case.replace(' ', '-')}/notes.txt", "".join(notes))
@@ -347,8 +349,10 @@ VALIDATIONS = {
 def validations(folder):
     for name, (marker, options) in VALIDATIONS.items():
         with in_folder():
-            found = mg.validate(INPUTS / f"{marker}.json", runs=20, views=4, workers=1, report="report.html", **options)
-            folder.result(name, found)
+            validation = mg.validate(
+                INPUTS / f"{marker}.json", runs=20, views=4, workers=1, report="report.html", **options
+            )
+            folder.result(name, validation)
             folder.write(f"{name}.html", Path("report.html").read_bytes())
     with in_folder():
         shutil.copy(INPUTS / "disk.json", "disk.json")
@@ -369,8 +373,8 @@ def photograph(plates, rotation, translation, rng, fine=6, blur=0.7, noise=1.5):
     axis = [(np.arange(fine * size) + 0.5) / fine - 0.5 for size in (width, height)]
     x, y = np.meshgrid((axis[0] - CAMERA["cx"]) / CAMERA["fx"], (axis[1] - CAMERA["cy"]) / CAMERA["fy"])
     levels = np.full(x.shape, 225.0, np.float32)
-    for turn, place, dots in plates:
-        whole, origin = rotation @ turn, rotation @ place + translation
+    for R, place, dots in plates:
+        whole, origin = rotation @ R, rotation @ place + translation
         for left, bottom, outer, inner in dots:
             middle = whole @ [left, bottom, 0] + origin
             column, row = (CAMERA[f"f{k}"] * middle[i] / middle[2] + CAMERA[f"c{k}"] for i, k in enumerate("xy"))
@@ -408,13 +412,13 @@ def calibrations(folder):
         shutil.copy(INPUTS / "disk.json", "disk.json")
         camera.save("camera.yaml")
         photographs([(*flat, printed(saved_points("disk"), rng))], 10, 0.35, rng)
-        found = mg.calibrate("disk.json", "photos", camera, workers=1,
+        calibration = mg.calibrate("disk.json", "photos", camera, workers=1,
                              save=["measured.json", "report.html"])  # fmt: skip
-        folder.result("print", found)
+        folder.result("print", calibration)
         for name in ("measured.json", "report.html"):
             folder.write(f"print/{name}", Path(name).read_bytes())
-        found = mg.calibrate("disk.json", "photos", workers=1, save=["camera.yaml.new.yaml"])
-        folder.result("print-and-camera", found)
+        calibration = mg.calibrate("disk.json", "photos", workers=1, save=["camera.yaml.new.yaml"])
+        folder.result("print-and-camera", calibration)
         folder.write("print-and-camera/camera.yaml", Path("camera.yaml.new.yaml").read_bytes())
         folder.command("command", "calibrate", "disk.json", "photos", "--camera", "camera.yaml", "--geometry",
                        "nominal", "--workers", "1")  # fmt: skip
@@ -423,12 +427,12 @@ def calibrations(folder):
         Path("photos").mkdir()
         content = json.loads((INPUTS / "wall.json").read_text())
         plates = []
-        for each in content["markers"]:
-            turn, place = pose_of(each)
-            plates.append((turn, place, printed(each["marker"]["control_points"], rng)))
+        for item in content["markers"]:
+            rotation, place = pose_of(item)
+            plates.append((rotation, place, printed(item["marker"]["control_points"], rng)))
         photographs(plates, 10, 0.6, rng)
-        found = mg.calibrate(INPUTS / "wall.json", "photos", camera, workers=1)
-        folder.result("wall", found)
+        calibration = mg.calibrate(INPUTS / "wall.json", "photos", camera, workers=1)
+        folder.result("wall", calibration)
 
 
 def saved_points(name):

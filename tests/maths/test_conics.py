@@ -104,10 +104,10 @@ def test_refinement_comes_back_from_a_few_degrees_and_percent():
     seen = seen.copy()
     seen[:, 2:4] = 7.0
     start = exponential(0.05 * rng.normal(size=(80, 3))) @ rotation
-    near = translation * (1 + 0.03 * rng.normal(size=(80, 1)))
-    found, place, chi2 = refine_poses(POINTS, RADII, seen, weight, start, near)
+    nearby = translation * (1 + 0.03 * rng.normal(size=(80, 1)))
+    result, place, chi2 = refine_poses(POINTS, RADII, seen, weight, start, nearby)
     # Steps end at 1e-10 rad.
-    assert angle_between(found, rotation).max() < 1e-8
+    assert angle_between(result, rotation).max() < 1e-8
     np.testing.assert_allclose(place, translation, rtol=0, atol=1e-8)
     assert chi2.max() < 1e-10
 

@@ -202,8 +202,8 @@ def test_the_inverse_is_right_or_nan(lens, seed):
     model, coefficients = lens
     places = np.random.default_rng(seed).normal(scale=2, size=(200, 2))
     back = undistort(model, places, coefficients)
-    found = np.isfinite(back[:, 0])
-    np.testing.assert_allclose(distort(model, back[found], coefficients), places[found], atol=1e-11)
+    result = np.isfinite(back[:, 0])
+    np.testing.assert_allclose(distort(model, back[result], coefficients), places[result], atol=1e-11)
 
 
 def test_any_batch(lens):

@@ -74,8 +74,8 @@ def test_gradient_agrees_with_differences(seed, softness):
     )
 
 
-def square(turn=0.0):
-    angle = turn + np.pi / 2 * np.arange(4)
+def square(rotation=0.0):
+    angle = rotation + np.pi / 2 * np.arange(4)
     return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
@@ -138,6 +138,6 @@ def test_points_in_one_place_or_not_finite_have_no_homography_and_do_no_harm_to_
     object_points = np.random.default_rng(0).uniform(-1, 1, (5, 2))
     image = np.stack([object_points, np.full((5, 2), 0.3), np.full((5, 2), np.nan)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = estimate_homography(object_points, image)
-    np.testing.assert_allclose(found[0], np.eye(3), rtol=0, atol=1e-12)
-    assert np.isnan(found[1:]).all()
+        results = estimate_homography(object_points, image)
+    np.testing.assert_allclose(results[0], np.eye(3), rtol=0, atol=1e-12)
+    assert np.isnan(results[1:]).all()

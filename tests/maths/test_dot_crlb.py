@@ -19,27 +19,27 @@ BLUR, CONTRAST, NOISE = 0.7, 195.0, 2.0
 EDGE, RATIO = np.hypot(BLUR, 12**-0.5), CONTRAST / NOISE
 
 
-def affine(semi, angle, turn=0.3):
+def affine(semi, angle, rotation=0.3):
     """A with these semi-axes, the first along the angle; the circle may be turned before, which changes nothing."""
-    return _turn(angle) @ np.diag(semi) @ _turn(turn)
+    return _turn(angle) @ np.diag(semi) @ _turn(rotation)
 
 
 def _turn(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def relative(found, expected):
+def relative(result, expected):
     """Extreme relative differences of two covariances along any direction."""
     root = np.linalg.inv(np.linalg.cholesky(expected))
-    return np.linalg.eigvalsh(root @ found @ root.T) - 1
+    return np.linalg.eigvalsh(root @ result @ root.T) - 1
 
 
 def test_the_dot_that_everybody_can_reckon():
     # Straight edges: (contrast/noise)^2 pi r / (2 sqrt(pi) s); the curvature adds 3/4 s^2/r^2, here 0.4 %.
     wide = np.sqrt(2 * np.sqrt(np.pi) * EDGE / (np.pi * 10)) / RATIO
-    found = np.sqrt(np.diag(center_covariance(10 * np.eye(2), EDGE, RATIO)))
+    result = np.sqrt(np.diag(center_covariance(10 * np.eye(2), EDGE, RATIO)))
     assert wide == pytest.approx(0.003, rel=0.01)
-    np.testing.assert_allclose(found, wide, rtol=0.003)
+    np.testing.assert_allclose(result, wide, rtol=0.003)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ angles = st.floats(-3.2, 3.2)
 @given(sizes, st.floats(0.34, 1.0), angles, angles)
 def test_it_turns_with_the_dot_and_forgets_how_the_circle_was_turned(radius, thin, angle, turn):
     upright = center_covariance(affine((radius, radius * thin), 0.0, 0.0), EDGE, RATIO)
-    turned = center_covariance(affine((radius, radius * thin), angle, turn), EDGE, RATIO)
-    back = _turn(angle).T @ turned @ _turn(angle)
+    rotated = center_covariance(affine((radius, radius * thin), angle, turn), EDGE, RATIO)
+    back = _turn(angle).T @ rotated @ _turn(angle)
     # As good as the integral over the directions.
     np.testing.assert_allclose(back, upright, rtol=1e-3, atol=1e-3 * upright.max())
     # Seen obliquely the short axis is better known: the long sides of the outline tell about it.
@@ -131,10 +131,10 @@ def test_a_dot_seen_edge_on_tells_nothing():
 
 def test_an_ellipse_may_be_given_by_its_axes():
     semi, angle = np.array([[6.0, 2.0], [3.0, 3.0], [np.nan, np.nan]]), np.array([0.4, 0.0, np.nan])
-    found = dot_covariance(semi, angle, EDGE, CONTRAST, NOISE)
-    np.testing.assert_allclose(found[0], center_covariance(affine((6, 2), 0.4), EDGE, RATIO), rtol=1e-3)
-    assert np.isnan(found[2]).all()
-    assert found.shape == (3, 2, 2)
+    results = dot_covariance(semi, angle, EDGE, CONTRAST, NOISE)
+    np.testing.assert_allclose(results[0], center_covariance(affine((6, 2), 0.4), EDGE, RATIO), rtol=1e-3)
+    assert np.isnan(results[2]).all()
+    assert results.shape == (3, 2, 2)
 
 
 def dots_out_of_place(count=6):
@@ -156,19 +156,23 @@ def test_covariances_of_image_and_displacement_add_up():
 
 def test_a_dot_seen_edge_on_tells_nothing_across():
     # F is singular, and so is what remains of it: along x the variances 1/4 and 0.01 add up.
-    found = displaced_center(np.diag([4.0, 0.0]), np.diag([0.1, 0.3]))[0]
-    np.testing.assert_allclose(found, np.diag([1 / 0.26, 0.0]), rtol=1e-15)
+    result = displaced_center(np.diag([4.0, 0.0]), np.diag([0.1, 0.3]))[0]
+    np.testing.assert_allclose(result, np.diag([1 / 0.26, 0.0]), rtol=1e-15)
 
 
 def test_displacement_is_pulled_back_as_differences_say():
     information, displacement, cotangent = dots_out_of_place()
     by_information, by_displacement = displaced_center(information, displacement)[1](cotangent)
     rng = np.random.default_rng(5)
-    turn = rng.normal(size=information.shape)
+    rotation = rng.normal(size=information.shape)
     # Relative steps of 1e-5: the square of it, and rounding, leave eight digits.
     for step, gradient, moved in (
-        (1e-5 * information @ (turn + turn.swapaxes(-1, -2)) @ information / 1e4, by_information, "information"),
-        (1e-5 * displacement * turn, by_displacement, "displacement"),
+        (
+            1e-5 * information @ (rotation + rotation.swapaxes(-1, -2)) @ information / 1e4,
+            by_information,
+            "information",
+        ),
+        (1e-5 * displacement * rotation, by_displacement, "displacement"),
     ):
         ahead, behind = (
             displaced_center(information + sign * step, displacement)[0]

@@ -105,7 +105,7 @@ def test_what_is_singular_but_for_rounding_has_infinite_covariance():
     assert np.all(variances > 0)
     assert np.isinf(every).all(axis=(-2, -1)).sum() > 20
     # Of rounding alone, some come out negative.
-    one = next(each for each in rows.swapaxes(-1, -2) @ rows if np.linalg.det(each) < 0)
+    one = next(item for item in rows.swapaxes(-1, -2) @ rows if np.linalg.det(item) < 0)
     assert np.linalg.inv(one).diagonal().min() < 0
     assert np.all(np.isinf(info.covariance(one)))
 
@@ -137,6 +137,6 @@ def test_smallest_rotation_takes_one_vector_to_the_other():
     rng = np.random.default_rng(6)
     a, b = rng.normal(size=(2, 30, 3))
     a, b = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (a, b))
-    turn = info.smallest_rotation(a, b)
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", turn, a), b, atol=1e-12)
-    np.testing.assert_allclose(angle_between(turn, np.eye(3)), np.arccos(np.sum(a * b, -1)), atol=1e-7)
+    rotation = info.smallest_rotation(a, b)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation, a), b, atol=1e-12)
+    np.testing.assert_allclose(angle_between(rotation, np.eye(3)), np.arccos(np.sum(a * b, -1)), atol=1e-7)

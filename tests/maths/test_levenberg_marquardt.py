@@ -24,8 +24,8 @@ class Decays(LeastSquares):
         residual = self.measured - decay(*unknowns)
         return np.sum(residual**2, axis=-1), residual
 
-    def jacobian(self, unknowns, found):
-        return np.stack([decay(np.ones(len(found[0])), unknowns[1]), -TIMES * decay(*unknowns)], axis=-1)
+    def jacobian(self, unknowns, results):
+        return np.stack([decay(np.ones(len(results[0])), unknowns[1]), -TIMES * decay(*unknowns)], axis=-1)
 
     def moved(self, unknowns, step):
         return unknowns[0] + step[:, 0], unknowns[1] + step[:, 1]
@@ -52,21 +52,21 @@ DAMPING = Damping(slack=1e-12)
 
 
 def test_minima_are_those_of_scipy(problems):
-    found, cost = levenberg_marquardt(problems, start(), DAMPING, 50)
+    results, cost = levenberg_marquardt(problems, start(), DAMPING, 50)
     for k, measured in enumerate(problems.measured):
         other = least_squares(
             lambda x, y=measured: decay(x[:1], x[1:])[0] - y, [0.3, 1.0], xtol=1e-14, ftol=1e-14, gtol=1e-14
         )
-        np.testing.assert_allclose([found[0][k], found[1][k]], other.x, rtol=1e-6)
+        np.testing.assert_allclose([results[0][k], results[1][k]], other.x, rtol=1e-6)
         assert cost[k] == pytest.approx(2 * other.cost, rel=1e-9)
 
 
 def test_a_batch_solves_each_problem_as_if_it_were_alone(problems):
     together, cost = levenberg_marquardt(problems, start(), DAMPING, 50)
     for k in range(20):
-        alone, own = levenberg_marquardt(Decays(problems.measured[k : k + 1]), start(1), DAMPING, 50)
-        np.testing.assert_allclose([each[k] for each in together], [each[0] for each in alone], rtol=1e-12)
-        assert cost[k] == pytest.approx(own[0], rel=1e-12)
+        alone, ours = levenberg_marquardt(Decays(problems.measured[k : k + 1]), start(1), DAMPING, 50)
+        np.testing.assert_allclose([item[k] for item in together], [item[0] for item in alone], rtol=1e-12)
+        assert cost[k] == pytest.approx(ours[0], rel=1e-12)
 
 
 def test_what_converged_leaves_the_batch(problems, monkeypatch):
@@ -83,8 +83,8 @@ def test_what_converged_leaves_the_batch(problems, monkeypatch):
 def test_the_cost_never_rises_and_starts_stay_as_they_were(problems):
     costs, begin = [], start()
     for steps in range(6):
-        found, cost = levenberg_marquardt(problems, begin, DAMPING, steps)
-        np.testing.assert_allclose(problems.residuals(found)[0], cost, rtol=1e-12)
+        result, cost = levenberg_marquardt(problems, begin, DAMPING, steps)
+        np.testing.assert_allclose(problems.residuals(result)[0], cost, rtol=1e-12)
         costs.append(cost)
     assert (np.diff(costs, axis=0) <= 1e-12).all()
     np.testing.assert_array_equal(begin, start())
@@ -96,10 +96,10 @@ def test_problems_that_are_not_worth_a_step_stay_where_they_are(problems):
         def worth_a_step(self, cost):
             return np.arange(len(cost)) % 2 == 0
 
-    found, cost = levenberg_marquardt(Choosy(problems.measured), start(), DAMPING, 50)
+    results, cost = levenberg_marquardt(Choosy(problems.measured), start(), DAMPING, 50)
     usual, least = levenberg_marquardt(problems, start(), DAMPING, 50)
-    np.testing.assert_array_equal(found[0][1::2], start()[0][1::2])
-    np.testing.assert_allclose(found[0][::2], usual[0][::2], rtol=1e-12)
+    np.testing.assert_array_equal(results[0][1::2], start()[0][1::2])
+    np.testing.assert_allclose(results[0][::2], usual[0][::2], rtol=1e-12)
     assert (cost[1::2] > least[1::2]).all()
 
 
@@ -117,8 +117,8 @@ def test_a_problem_that_no_step_helps_is_given_up(problems):
     taken = []
     moved = Decays.moved
     Hopeless.moved = lambda self, at, step: taken.append(1) or moved(self, at, step)
-    found, _ = levenberg_marquardt(Hopeless(problems.measured), start(), Damping(start=1.0, most=1e3), 50)
-    np.testing.assert_array_equal(found, start())
+    result, _ = levenberg_marquardt(Hopeless(problems.measured), start(), Damping(start=1.0, most=1e3), 50)
+    np.testing.assert_array_equal(result, start())
     # lambda is 1, 10, 100 and 1000; the next would be more than the most.
     assert len(taken) == 4
 
@@ -140,5 +140,5 @@ def test_a_ridge_holds_what_the_residuals_leave_free():
 
 
 def test_no_problems_at_all_are_solved_at_once():
-    found, cost = levenberg_marquardt(Decays(np.zeros((0, 9))), start(0), DAMPING, 50)
-    assert [len(each) for each in (*found, cost)] == [0, 0, 0]
+    result, cost = levenberg_marquardt(Decays(np.zeros((0, 9))), start(0), DAMPING, 50)
+    assert [len(item) for item in (*result, cost)] == [0, 0, 0]

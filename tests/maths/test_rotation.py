@@ -62,40 +62,40 @@ def turn(angle):
 @pytest.mark.parametrize("mirror", [False, True])
 def test_motions_are_found(angle, mirror):
     rotation = turn(angle) @ np.diag([-1.0 if mirror else 1.0, 1.0])
-    found, shift = rigid_motion(POINTS, POINTS @ rotation.T + [3, -2], mirror)
-    np.testing.assert_allclose(found, rotation, atol=1e-13)
-    np.testing.assert_allclose(shift, [3, -2], atol=1e-13)
-    found, scale, shift = scaled_motion(POINTS, POINTS * [0.99, 1.02] @ rotation.T + [3, -2], mirror)
-    np.testing.assert_allclose(found, rotation, atol=1e-12)
+    result, offset = rigid_motion(POINTS, POINTS @ rotation.T + [3, -2], mirror)
+    np.testing.assert_allclose(result, rotation, atol=1e-13)
+    np.testing.assert_allclose(offset, [3, -2], atol=1e-13)
+    result, scale, offset = scaled_motion(POINTS, POINTS * [0.99, 1.02] @ rotation.T + [3, -2], mirror)
+    np.testing.assert_allclose(result, rotation, atol=1e-12)
     np.testing.assert_allclose(scale, [0.99, 1.02], atol=1e-12)
-    np.testing.assert_allclose(shift, [3, -2], atol=1e-12)
+    np.testing.assert_allclose(offset, [3, -2], atol=1e-12)
 
 
 def test_of_noisy_points_it_is_the_least_squares():
     target = POINTS @ turn(0.4).T + 0.1 * RNG.normal(size=POINTS.shape)
-    rotation, shift = rigid_motion(POINTS, target)
+    rotation, offset = rigid_motion(POINTS, target)
 
     def cost(angle, x, y):
         return np.sum((POINTS @ turn(angle).T + [x, y] - target) ** 2)
 
-    best = np.array([np.arctan2(rotation[1, 0], rotation[0, 0]), *shift])
+    best = np.array([np.arctan2(rotation[1, 0], rotation[0, 0]), *offset])
     for step in np.concatenate([np.eye(3), -np.eye(3)]) * 1e-3:
         assert cost(*best) < cost(*(best + step))
 
 
 def test_batches_are_each_by_itself():
     many = RNG.normal(size=(4, 5, 2))
-    rotation, shift = rigid_motion(many, many[::-1])
+    rotation, offset = rigid_motion(many, many[::-1])
     for k in range(4):
         one = rigid_motion(many[k], many[::-1][k])
         np.testing.assert_allclose(rotation[k], one[0], atol=1e-14)
-        np.testing.assert_allclose(shift[k], one[1], atol=1e-14)
+        np.testing.assert_allclose(offset[k], one[1], atol=1e-14)
 
 
 def test_degenerate_points():
     same = np.ones((3, 2))
-    rotation, shift = rigid_motion(same, 2 * same)
+    rotation, offset = rigid_motion(same, 2 * same)
     np.testing.assert_array_equal(rotation, np.eye(2))
-    np.testing.assert_array_equal(shift, [1, 1])
+    np.testing.assert_array_equal(offset, [1, 1])
     line = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     assert np.isnan(scaled_motion(line, line)[1]).all()

@@ -52,9 +52,9 @@ def test_circles_have_their_radii_and_begin_straight_up():
 def test_they_are_found_and_saved_as_any_other(marker, tmp_path):
     camera = mg.Camera(640, 480, 800, 800, 320, 240)
     view = render_view(marker, camera, ROTATION, np.array([0, 0, 0.45]), DEFAULT_OPTICS, np.random.default_rng(0))
-    [found] = mg.Detector(marker, camera)(view)
-    assert len(found.ids) == len(marker)
-    assert np.abs(found.rotation - ROTATION).max() < 1e-3
+    [finding] = mg.Detector(marker, camera)(view)
+    assert len(finding.ids) == len(marker)
+    assert np.abs(finding.rotation - ROTATION).max() < 1e-3
     marker.save(tmp_path / "board.json", tmp_path / "board.pdf", paper="A3")
     assert mg.verify(tmp_path / "board.json", tmp_path / "board.pdf").passed
 
@@ -77,7 +77,7 @@ def test_what_is_no_pattern_is_refused(make):
 
 
 @pytest.mark.parametrize(
-    ("points", "dot", "words"),
+    ("points", "dot", "phrase"),
     [
         ([(0, 0), (0.1, 0), (0, 0.1)], "10mm", "four or more"),
         ([(0, 0), (0.1, 0), (0, 0.1), (np.nan, 0)], "10mm", "finite"),
@@ -85,6 +85,6 @@ def test_what_is_no_pattern_is_refused(make):
         ([(0, 0), (0.1, 0), (0, 0.1), (0.1, 0)], "1mm", "centers 0 mm apart"),
     ],
 )
-def test_points_that_are_no_marker_are_refused(points, dot, words):
-    with pytest.raises(mg.InputError, match=words):
+def test_points_that_are_no_marker_are_refused(points, dot, phrase):
+    with pytest.raises(mg.InputError, match=phrase):
         mg.Marker.from_points(points, dot)

@@ -58,7 +58,7 @@ def test_every_error_is_told_with_its_path(content):
     del content["clearance"]
     message = refusal(content)
     assert len(message) < 1000
-    for words in (
+    for phrase in (
         "control_points[1].x: Input should be a valid number",
         "surprise: unknown key (got 1)",
         "clearance: missing",
@@ -68,7 +68,7 @@ def test_every_error_is_told_with_its_path(content):
         "['two\\nlines']: unknown key",
         "kkk']: unknown key (got 3)",
     ):
-        assert words in message
+        assert phrase in message
 
 
 def test_overlapping_dots_are_told(content):
@@ -78,7 +78,7 @@ def test_overlapping_dots_are_told(content):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"version": 3}, "found version 3, written by a newer markergen; update markergen"),
         ({"version": "1"}, "found version '1'"),
@@ -96,8 +96,8 @@ def test_overlapping_dots_are_told(content):
         ({"control_points": "none"}, "control_points: Input should be a valid list"),
     ],
 )
-def test_each_kind_of_damage_is_named(content, change, words):
-    assert words in refusal({**content, **change})
+def test_each_kind_of_damage_is_named(content, change, phrase):
+    assert phrase in refusal({**content, **change})
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", '"x"', "[" * 100_000])
@@ -159,7 +159,7 @@ def test_dots_far_above_the_plate_are_told(l_shaped):
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "words"),
+    ("path", "value", "phrase"),
     [
         (("boundary", "kind"), "star", "boundary: Input should be a table with kind circle or polygon (got {"),
         (("boundary", "kind"), 3, "boundary: Input should be a table with kind circle or polygon (got {"),
@@ -180,21 +180,21 @@ def test_dots_far_above_the_plate_are_told(l_shaped):
         (("frame", "origin"), "here", "frame.origin: Input should be"),
     ],
 )
-def test_what_is_wrong_with_a_shape_is_told_with_its_path(l_shaped, path, value, words):
+def test_what_is_wrong_with_a_shape_is_told_with_its_path(l_shaped, path, value, phrase):
     place = l_shaped
     for step in path[:-1]:
         place = place[step]
     place[path[-1]] = value
-    assert words in refusal(l_shaped)
+    assert phrase in refusal(l_shaped)
 
 
 @pytest.mark.parametrize(
-    ("number", "words"),
+    ("number", "phrase"),
     [("1e999", "1e999"), ("9" * 5000, "99999999999999999..."), ("-" + "9" * 400, "-9999999999999999...")],
 )
-def test_numbers_without_end_are_refused_wherever_they_stand(pentagon, number, words):
+def test_numbers_without_end_are_refused_wherever_they_stand(pentagon, number, phrase):
     text = to_json(pentagon).decode().replace('"1a2b3c4d"', number)
-    assert f"the number {words}," in refusal(text)
+    assert f"the number {phrase}," in refusal(text)
 
 
 def test_keys_given_twice_are_refused(pentagon):
@@ -218,7 +218,7 @@ def test_identifiers_fit_32_bits(content):
 
 
 @pytest.mark.parametrize(
-    ("feature", "words"),
+    ("feature", "phrase"),
     [
         ({"kind": "dot", "diameter": 0.036, "inner_diameter": 0.018}, ".kind: a ring has"),
         ({"kind": "ring", "diameter": 0.036, "inner_diameter": 0}, ".kind: a ring has"),
@@ -227,10 +227,10 @@ def test_identifiers_fit_32_bits(content):
         ({"kind": "ring", "diameter": 0, "inner_diameter": 0.001}, ".inner_diameter: not below"),
     ],
 )
-def test_features_that_contradict_themselves_are_told(content, feature, words):
+def test_features_that_contradict_themselves_are_told(content, feature, phrase):
     content["control_points"][1]["feature"] = feature
     message = refusal(content)
-    assert f"control_points[1].feature{words}" in message
+    assert f"control_points[1].feature{phrase}" in message
     assert message.count("control_points[1]") == 1
 
 
@@ -313,9 +313,9 @@ def test_a_sheet_or_solid_in_place_of_the_marker_is_named(pentagon, tmp_path, na
     path = tmp_path / name
     path.write_bytes(start)
     kind = name.partition(".")[2].upper()
-    said = f"a marker.json at .*{name}, found a {kind} file; give the .json that was written with it"
+    message = f"a marker.json at .*{name}, found a {kind} file; give the .json that was written with it"
     for load in (read_marker, load_marker_or_rig, load_rig):
-        with pytest.raises(InputError, match=said if kind else "not UTF-8"):
+        with pytest.raises(InputError, match=message if kind else "not UTF-8"):
             load(path)
     # Any name will do for what is a marker, or was one.
     path.write_bytes(b"\xef\xbb\xbf" + to_json(pentagon))
@@ -350,7 +350,7 @@ def test_a_tag_is_written_with_its_corners_and_read_back(tagged):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"family": "apriltag:36h12"}, "tag.family: Input should be"),
         ({"id": 587}, "tag.id: expected an id of 0 to 586 in apriltag:36h11, found id=587"),
@@ -364,10 +364,10 @@ def test_a_tag_is_written_with_its_corners_and_read_back(tagged):
         ({"color": "red"}, "tag.color: unknown key"),
     ],
 )
-def test_errors_of_a_tag_are_told_with_their_paths(tagged, change, words):
+def test_errors_of_a_tag_are_told_with_their_paths(tagged, change, phrase):
     content = json.loads(to_json(tagged))
     content["tag"].update(change)
-    assert words in refusal(content)
+    assert phrase in refusal(content)
 
 
 def test_corners_in_another_order_are_refused(tagged):
@@ -415,7 +415,7 @@ def test_a_plain_substrate_is_written_as_it_always_was(pentagon, content):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"edge": -0.001}, "substrate.edge: Input should be greater than or equal to 0 (got -0.001)"),
         ({"chamfer": 0.003}, "substrate: expected a chamfer of 0 or more, and below the thickness of 3 mm"),
@@ -446,9 +446,9 @@ def test_a_plain_substrate_is_written_as_it_always_was(pentagon, content):
         ({"holes": [{"x": 0, "y": 0, "diameter": 0.003}] * 201}, "substrate.holes: List should have at most 200 items"),
     ],
 )
-def test_what_is_wrong_with_a_substrate_is_told_with_its_path(content, change, words):
+def test_what_is_wrong_with_a_substrate_is_told_with_its_path(content, change, phrase):
     content["substrate"] |= change
-    assert words in refusal(content)
+    assert phrase in refusal(content)
 
 
 def test_holes_in_the_tag_are_told(tagged):

@@ -81,7 +81,7 @@ def test_depth_gradient_is_that_of_depth(shape):
     points = around(shape, 300)[:300]
     step = 1e-7
     by_difference = np.stack(
-        [(shape.depth(points + shift) - shape.depth(points - shift)) / (2 * step) for shift in step * np.eye(2)],
+        [(shape.depth(points + offset) - shape.depth(points - offset)) / (2 * step) for offset in step * np.eye(2)],
         axis=-1,
     )
     gradient = shape.depth_gradient(points)
@@ -153,8 +153,8 @@ def test_any_polygon_agrees_with_brute_force(corners, inset_mm, seed):
     # A fine grid, and a finer one around what was found.
     low, high = points.min(axis=0), points.max(axis=0)
     grid = low + np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 60)]), axis=-1).reshape(-1, 2) * (high - low)
-    near = np.stack(np.meshgrid(*2 * [np.linspace(-1e-4, 1e-4, 9)]), axis=-1).reshape(-1, 2)
-    others = np.concatenate([grid, (projected[:, None] + near).reshape(-1, 2)])
+    nearby = np.stack(np.meshgrid(*2 * [np.linspace(-1e-4, 1e-4, 9)]), axis=-1).reshape(-1, 2)
+    others = np.concatenate([grid, (projected[:, None] + nearby).reshape(-1, 2)])
     if np.min(polygon.depth(projected)) < inset - ROUNDING:
         # Then nothing is so deep, and this is the deepest there is.
         assert np.max(polygon.depth(others)) <= np.min(polygon.depth(projected)) + 1e-9
@@ -246,7 +246,7 @@ def test_outlines_may_touch_at_a_corner():
 
 
 @pytest.mark.parametrize(
-    ("rings", "words"),
+    ("rings", "phrase"),
     [
         ((), "at least one outline, found none"),
         ((((0, 0), (1, 1), (1, 0), (0, 1)),), "outline 1 crossing or touching itself at (500 mm, 500 mm)"),
@@ -272,10 +272,10 @@ def test_outlines_may_touch_at_a_corner():
         ((tuple((float(i), float(i % 2)) for i in range(10_001)),), "at most 10000 corners, found 10001"),
     ],
 )
-def test_an_outline_that_is_none_is_refused_and_says_where(rings, words):
+def test_an_outline_that_is_none_is_refused_and_says_where(rings, phrase):
     with pytest.raises(InputError) as caught:
         Polygon(rings)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
 
 
 def test_keep_outs_leave_the_very_boundary_alone_if_there_are_none():
@@ -341,11 +341,11 @@ def regular(count: int, radius: float) -> np.ndarray:
 
 def d_and_slot():
     """A plate of 200 x 120 mm with fillets, a D, a slot and a hole."""
-    q, turn = np.tan(np.pi / 8), 2 * np.pi - 2 * np.arccos(0.6)
+    q, rotation = np.tan(np.pi / 8), 2 * np.pi - 2 * np.arccos(0.6)
     corners = [(-85, -60), (85, -60), (100, -45), (100, 45), (85, 60), (-85, 60), (-100, 45), (-100, -45)]
     plate = Contour(tuple(corners), (0.0, float(q)) * 4)
     slot = Contour(((-60, -40), (-20, -40), (-20, -30), (-60, -30)), (0.0, 1.0, 0.0, 1.0))
-    d = Contour(((56, 8), (40, 0), (56, -8)), (float(np.tan(turn / 8)), float(np.tan(turn / 8)), 0.0))
+    d = Contour(((56, 8), (40, 0), (56, -8)), (float(np.tan(rotation / 8)), float(np.tan(rotation / 8)), 0.0))
     return [placed(contour, 1e-3) for contour in (plate, slot, d, circle(4.5, -80.0, 40.0))]
 
 
@@ -368,8 +368,8 @@ def test_a_polygon_of_arcs_is_never_deeper_than_it_is():
 
 def test_a_polygon_of_arcs_knows_its_measures():
     polygon = polygon_from(d_and_slot())
-    turn = 2 * np.pi - 2 * np.arccos(0.6)
-    lost = [(4 - np.pi) * 225, 400 + np.pi * 25, 100 * turn / 2 + 48, np.pi * 4.5**2]
+    rotation = 2 * np.pi - 2 * np.arccos(0.6)
+    lost = [(4 - np.pi) * 225, 400 + np.pi * 25, 100 * rotation / 2 + 48, np.pi * 4.5**2]
     assert polygon.area == pytest.approx((200 * 120 - sum(lost)) * 1e-6, rel=1e-12)
     assert polygon.area == pytest.approx(geometry(polygon).area, rel=1e-4)
     assert str(polygon) == sentence("polygon", "200 mm x 120 mm", "3 holes")
@@ -404,7 +404,7 @@ def test_which_way_arcs_are_drawn_does_not_matter():
 
 
 @pytest.mark.parametrize(
-    ("rings", "bulges", "words"),
+    ("rings", "bulges", "phrase"),
     [
         ((((0, 0), (0.1, 0)),), ((0.0, 0.0),), "3 corners|an area"),
         ((((0, 0), (0.1, 0)),), ((2.0, 0.0),), "bulges of 1e-06 to 1 to either side in outline 1, or 0, found 2"),
@@ -419,8 +419,8 @@ def test_which_way_arcs_are_drawn_does_not_matter():
         ((((0, 0), (0.1, 0), (0.1, 0.05), (0.0, 0.05)),), ((1.0, 0.0, -1.0, 0.0),), "do not cross or touch themselves"),
     ],
 )
-def test_arcs_that_make_no_sense_are_refused(rings, bulges, words):
-    with pytest.raises(InputError, match=words):
+def test_arcs_that_make_no_sense_are_refused(rings, bulges, phrase):
+    with pytest.raises(InputError, match=phrase):
         Polygon(rings, bulges)
 
 

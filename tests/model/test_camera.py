@@ -42,15 +42,15 @@ def test_the_image_of_points_is_opencvs(camera):
 
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.3, 0.3, (50, 3))
-    turn, shift = np.array([0.3, -0.2, 0.5]), np.array([0.1, -0.05, 1.0])
-    rotation = exponential(turn)
-    ours = camera.project(points, rotation[None], shift[None])[0]
+    vector, offset = np.array([0.3, -0.2, 0.5]), np.array([0.1, -0.05, 1.0])
+    rotation = exponential(vector)
+    ours = camera.project(points, rotation[None], offset[None])[0]
     coefficients = np.array(camera.distortion.coefficients or (0.0,) * 4)
     if camera.distortion.model == "equidistant":
-        theirs, _ = cv2.fisheye.projectPoints(points[:, None], turn, shift, camera.matrix, coefficients)
+        theirs, _ = cv2.fisheye.projectPoints(points[:, None], vector, offset, camera.matrix, coefficients)
         theirs = theirs.reshape(-1, 2)
     else:
-        theirs = cv2.projectPoints(points, turn, shift, camera.matrix, coefficients)[0][:, 0]
+        theirs = cv2.projectPoints(points, vector, offset, camera.matrix, coefficients)[0][:, 0]
     # Rounding only.
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
@@ -138,7 +138,7 @@ def test_cameras_are_values():
 
 
 @pytest.mark.parametrize(
-    ("model", "coefficients", "words"),
+    ("model", "coefficients", "phrase"),
     [
         ("omni", (), "known distortion model, found 'omni'; known: equidistant, none, radtan, rational"),
         ("x" * 1000, (), "known distortion model, found 'xxx"),
@@ -152,15 +152,15 @@ def test_cameras_are_values():
         ("radtan", (2e12, 0.0, 0.0, 0.0), "finite distortion coefficients, found k1=2000000000000.0"),
     ],
 )
-def test_bad_distortions_are_refused(model, coefficients, words):
+def test_bad_distortions_are_refused(model, coefficients, phrase):
     with pytest.raises(InputError) as caught:
         Distortion(model, coefficients)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"width": "a"}, "an image size of 1 to 20000 pixels, found 'a'x480"),
         ({"width": 640.5}, "found 640.5x480; give the camera's width and height in whole pixels"),
@@ -179,16 +179,16 @@ def test_bad_distortions_are_refused(model, coefficients, words):
         ({"distortion": (0.1, 0, 0, 0)}, "a Distortion, found tuple (0.1, 0, 0, 0)"),
     ],
 )
-def test_what_is_no_number_is_refused(change, words):
+def test_what_is_no_number_is_refused(change, phrase):
     values = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
     with pytest.raises(InputError) as caught:
         Camera(**values | change)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("model", "coefficients", "words"),
+    ("model", "coefficients", "phrase"),
     [
         (None, (), "known distortion model, found None"),
         ([], (), "known distortion model, found []"),
@@ -200,10 +200,10 @@ def test_what_is_no_number_is_refused(change, words):
         ("radtan", [None] * 4, "finite distortion coefficients, found k1=None"),
     ],
 )
-def test_what_is_no_distortion_is_refused(model, coefficients, words):
+def test_what_is_no_distortion_is_refused(model, coefficients, phrase):
     with pytest.raises(InputError) as caught:
         Distortion(model, coefficients)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
 
 
 def test_numbers_of_numpy_become_pythons():

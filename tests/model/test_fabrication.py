@@ -12,7 +12,7 @@ def test_every_process_has_defaults(process):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"process": "casting"}, "found 'casting'; known: cnc, dome, fdm, laser, print"),
         ({"depth": 0.0}, "a depth above 0"),
@@ -33,8 +33,8 @@ def test_every_process_has_defaults(process):
         ({"process": "dome", "dome": "whole"}, "domes of half or ball"),
     ],
 )
-def test_choices_that_cannot_be_are_one_line(values, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_choices_that_cannot_be_are_one_line(values, phrase):
+    with pytest.raises(InputError, match=phrase) as caught:
         Fabrication(**values)
     assert "\n" not in str(caught.value)
 

@@ -74,7 +74,7 @@ def closed():
 
 
 @pytest.mark.parametrize(
-    ("source", "words"),
+    ("source", "phrase"),
     [
         (3, "expected a path, an open file or a dict of marker.json, found int 3; give"),
         (None, "found NoneType None"),
@@ -98,11 +98,11 @@ def closed():
         ({("a", "b"): 1}, "plain JSON values"),
     ],
 )  # fmt: skip
-def test_what_is_no_marker_is_one_line(source, words):
+def test_what_is_no_marker_is_one_line(source, phrase):
     with pytest.raises(InputError) as caught:
         Marker.load(source)
     message = str(caught.value)
-    assert words in message
+    assert phrase in message
     assert "\n" not in message
 
 
@@ -158,13 +158,13 @@ def test_markers_print_in_a_line(pentagon, make_marker):
 
 @pytest.mark.parametrize("name", ["designed-v1.json", "measured-v1.json"])
 def test_notebooks_show_the_layout(name):
-    shown = Marker.load(DATA / name)
-    root = ElementTree.fromstring(shown._repr_html_())
-    dots = [each for each in root.iter() if each.tag.endswith("text")]
-    assert [each.text for each in dots] == [str(point.id) for point in shown.control_points]
+    printed = Marker.load(DATA / name)
+    root = ElementTree.fromstring(printed._repr_html_())
+    dots = [dot for dot in root.iter() if dot.tag.endswith("text")]
+    assert [dot.text for dot in dots] == [str(point.id) for point in printed.control_points]
     left, top, width, height = map(float, root.get("viewBox").split())
-    for each, point in zip(dots, shown.control_points, strict=True):
-        assert (float(each.get("x")), float(each.get("y"))) == pytest.approx((1e3 * point.x, -1e3 * point.y), abs=1e-3)
+    for dot, point in zip(dots, printed.control_points, strict=True):
+        assert (float(dot.get("x")), float(dot.get("y"))) == pytest.approx((1e3 * point.x, -1e3 * point.y), abs=1e-3)
         assert left < 1e3 * point.x < left + width
         assert top < -1e3 * point.y < top + height
 
@@ -195,7 +195,7 @@ def seen(made, setting):
 
 
 def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_path):
-    made, words = unused
+    made, phrase = unused
     path = tmp_path / "m.json"
     path.write_bytes(to_json(made))
     image = np.full((480, 640), 200, np.uint8)
@@ -215,7 +215,7 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
             with pytest.raises(InputError) as caught:
                 call()
             assert f" {doing}, found " in str(caught.value)
-            assert words in str(caught.value)
+            assert phrase in str(caught.value)
     outputs_of(made, [path])
 
 
@@ -254,9 +254,9 @@ def test_rulers_are_those_that_were_printed(pentagon):
     with pytest.raises(InputError, match=r"about 100 mm .*found 198 mm.*--force"):
         rescale_body(printed, Rulers(0.198, None))
     for nominal in ((0.1, 0.05), (None, None)):
-        after, said = rescale_body(printed, Rulers(0.099, 0.0495, *nominal))
+        after, message = rescale_body(printed, Rulers(0.099, 0.0495, *nominal))
         assert after.print_scale == pytest.approx((0.99, 0.99))
-        assert not any("taken for" in each for each in said)
+        assert not any("taken for" in item for item in message)
 
 
 def test_bad_sizes_and_polarities_are_refused():

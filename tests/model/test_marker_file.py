@@ -56,12 +56,12 @@ def test_files_are_saved_again_byte_for_byte(name):
 def test_files_keep_to_the_schema_of_their_version(name, version):
     content = json.loads((DATA / name).read_bytes())
     assert content["version"] == version
-    for each in VERSIONS:
-        schema = json_schema(each)
+    for item in VERSIONS:
+        schema = json_schema(item)
         jsonschema.Draft202012Validator.check_schema(schema)
-        valid = jsonschema.Draft202012Validator(schema).is_valid({**content, "version": each})
+        valid = jsonschema.Draft202012Validator(schema).is_valid({**content, "version": item})
         # What is valid as version 1 is valid as version 2.
-        assert valid == (each >= version)
+        assert valid == (item >= version)
 
 
 def test_every_key_of_version_2_is_in_the_file_and_in_no_schema_of_version_1(full):
@@ -104,11 +104,11 @@ def test_what_was_measured_of_one_plate_is_turned_into_its_frame(full):
     for plate in rig.plates:
         joint = plate.marker.joint_covariance
         rows = [order[number] for number in joint.order]
-        turned = np.einsum(
+        rotated = np.einsum(
             "ia,majb->mijb", plate.rotation_matrix, joint.array.reshape(len(rows), 3, len(rows), 3)[:, :, :, :]
         )
-        turned = np.einsum("mijb,cb->mijc", turned, plate.rotation_matrix)
-        np.testing.assert_allclose(turned, matrix[np.ix_(rows, range(3), rows, range(3))], atol=1e-20)
+        rotated = np.einsum("mijb,cb->mijc", rotated, plate.rotation_matrix)
+        np.testing.assert_allclose(rotated, matrix[np.ix_(rows, range(3), rows, range(3))], atol=1e-20)
 
 
 def test_a_file_with_plates_is_refused_where_a_marker_is_asked_for():
@@ -146,13 +146,13 @@ def test_one_dot_is_enough_to_need_version_2(pentagon, change):
 
 def test_keys_of_version_2_are_refused_in_version_1(full):
     message = refusal({**full, "version": 1})
-    for words in (
+    for phrase in (
         "joint_covariance: a key of version 2, in a file that says version 1",
         "control_points[4].feature.polarity: a key of version 2",
         "control_points[0].measured: a key of version 2",
         "plates: a key of version 2",
     ):
-        assert words in message
+        assert phrase in message
 
 
 def test_a_newer_file_says_by_what_it_was_written(full):
@@ -166,7 +166,7 @@ def test_a_newer_file_says_by_what_it_was_written(full):
 
 
 @pytest.mark.parametrize(
-    ("path", "key", "words"),
+    ("path", "key", "phrase"),
     [
         ((), "ruler", "ruler: unknown key, did you mean 'rulers'? (got 1)"),
         (("control_points", 2, "feature"), "polarty", ".feature.polarty: unknown key, did you mean 'polarity'?"),
@@ -177,9 +177,9 @@ def test_a_newer_file_says_by_what_it_was_written(full):
         (("joint_covariance",), "zzz", "joint_covariance.zzz: unknown key (got 1)"),
     ],
 )
-def test_unknown_keys_are_told_with_the_nearest_known_one(full, path, key, words):
+def test_unknown_keys_are_told_with_the_nearest_known_one(full, path, key, phrase):
     at(full, path)[key] = 1
-    assert words in refusal(full)
+    assert phrase in refusal(full)
 
 
 def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
@@ -188,7 +188,7 @@ def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "words"),
+    ("path", "value", "phrase"),
     [
         (("joint_covariance", "order"), [0, 1, 2, 3, 4, 4], "joint_covariance: expected ids of control points, each"),
         (("joint_covariance", "order"), [0, 1, 2, 3, 4, 9], "joint_covariance.order[5]: no control point has the id 9"),
@@ -225,10 +225,10 @@ def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
         (("substrate", "holes"), [{"x": 0, "y": 0, "diameter": 0.003}], "substrate.holes: of a marker on one plate"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_version_2_is_told_with_its_path(full, path, value, words):
+def test_what_is_wrong_with_version_2_is_told_with_its_path(full, path, value, phrase):
     place = at(full, path[:-1])
     place[path[-1]] = full["plates"][0]["tag"] if value == "PLATE" else value
-    assert words in refusal(full)
+    assert phrase in refusal(full)
 
 
 def test_an_indefinite_covariance_is_refused():

@@ -35,8 +35,8 @@ def test_roll_turns_about_the_optical_axis_and_is_always_the_same():
     plain, rolled = paper(), paper_roll()
     np.testing.assert_array_equal(rolled.rotation, paper_roll().rotation)
     np.testing.assert_allclose(rolled.polar_angle_deg, plain.polar_angle_deg, atol=1e-5)
-    turn = rolled.rotation @ plain.rotation.swapaxes(-1, -2)
-    np.testing.assert_allclose(turn[:, 2], np.tile([0, 0, 1], (400, 1)), atol=1e-12)
+    rotation = rolled.rotation @ plain.rotation.swapaxes(-1, -2)
+    np.testing.assert_allclose(rotation[:, 2], np.tile([0, 0, 1], (400, 1)), atol=1e-12)
     assert np.std(angle_between(plain.rotation, rolled.rotation)) > 0.5
 
 

@@ -49,13 +49,13 @@ def test_the_closed_form_is_what_rays_find(dot, away, eye, radius, rim):
     aside = radius + wall + gap
     pillar = dot + [aside * np.cos(angle), aside * np.sin(angle), rise]
     gap = passage(dot, np.float64(radius), pillar, np.float64(wall), eye).gap
-    found, coarse = by_rays(dot, radius, pillar, wall, eye)
+    result, coarse = by_rays(dot, radius, pillar, wall, eye)
     if gap > -wall:
         # Samples miss the nearest point, and never find a nearer one.
-        assert gap - 1e-12 <= found <= gap + coarse
+        assert gap - 1e-12 <= result <= gap + coarse
     else:
         # The axis stands among the rays: how deep is not for the rim's rays to tell.
-        assert found <= coarse - wall + radius
+        assert result <= coarse - wall + radius
 
 
 @settings(max_examples=30)
@@ -95,9 +95,9 @@ def test_what_is_hidden_is_covered_where_it_is_rendered(turn, heights, distance,
     radius = pillar_radius(0.03, 0.003)
     nearest = sight_gaps(points, np.float64(0.015), np.float64(radius), eye[None])[0].min(axis=-1)
     # A few um of overlap is too little of a pixel to be told from the roundness of the polygons.
-    told = np.abs(nearest) > 2e-5
+    output = np.abs(nearest) > 2e-5
     event("hidden" if covered.any() else "in sight")
-    np.testing.assert_array_equal(covered[told], (nearest < 0)[told])
+    np.testing.assert_array_equal(covered[output], (nearest < 0)[output])
     np.testing.assert_array_equal(hidden(marker, poses)[0], nearest < -1e-9)
 
 

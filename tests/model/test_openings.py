@@ -28,25 +28,25 @@ def drawn():
 
 
 def test_every_hole_is_listed_clockwise_at_its_place(drawn):
-    found = openings(drawn)
-    assert [str(each) for each in found] == [
+    results = openings(drawn)
+    assert [str(item) for item in results] == [
         sentence("hole", "M4", "-60 mm, 60 mm"),
         sentence("dowel", "4 mm pin", "75 mm, 0 mm"),
         sentence("drawn hole", "80 mm, 80 mm"),
     ]
-    assert [each.contour.as_circle for each in found] == [
+    assert [item.contour.as_circle for item in results] == [
         pytest.approx(whole) for whole in [(-0.06, 0.06, 0.00225), (0.075, 0, 0.002), (0.08, 0.08, 0.0045)]
     ]
-    assert all(area(each.contour) < 0 for each in found)
+    assert all(area(item.contour) < 0 for item in results)
     # The opening in the printed face is that of the countersink.
-    assert isclose(found[0].region.area, pi * 0.00448**2, rel_tol=1e-4)
+    assert isclose(results[0].region.area, pi * 0.00448**2, rel_tol=1e-4)
 
 
 def test_a_hole_of_boundary_and_outline_counts_once_and_the_larger_one_wins():
     boundary = plate(0.1, (0.08, 0.08, 0.0045), (-0.08, 0.08, 0.01), (0.08, -0.08, 0.003))
     outline = plate(0.15, (0.08, 0.08, 0.0045), (-0.08, 0.08, 0.002), (0.08, -0.08, 0.006), (0.13, 0.0, 0.004))
-    found = {each.as_circle for each in drawn_holes(boundary, outline)}
-    assert {tuple(round(value, 6) for value in each) for each in found} == {
+    results = {drawn_hole.as_circle for drawn_hole in drawn_holes(boundary, outline)}
+    assert {tuple(round(value, 6) for value in drawn_hole) for drawn_hole in results} == {
         (0.08, 0.08, 0.0045), (-0.08, 0.08, 0.01), (0.08, -0.08, 0.006), (0.13, 0.0, 0.004)
     }  # fmt: skip
     assert len(drawn_holes(boundary)) == 3

@@ -25,15 +25,15 @@ def test_outlines_are_to_scale_and_holes_are_open(shape, make_in):
     # Nonzero winding: holes are open because they run the other way round.
     areas = [signed_area(polygon[:-1]) for polygon in path.to_polygons()]
     assert sum(areas) == pytest.approx(1e6 * shape.area, rel=1e-9)
-    shown = [*ax.get_xlim(), *ax.get_ylim()]
-    assert shown[0] < corners[:, 0].min() < corners[:, 0].max() < shown[1]
-    assert shown[2] < corners[:, 1].min() < corners[:, 1].max() < shown[3]
+    printed = [*ax.get_xlim(), *ax.get_ylim()]
+    assert printed[0] < corners[:, 0].min() < corners[:, 0].max() < printed[1]
+    assert printed[2] < corners[:, 1].min() < corners[:, 1].max() < printed[3]
 
 
-@pytest.mark.parametrize(("name", "words"), [("rectangle", "200 mm wide, 100 mm high"), ("L", "200 mm")])
-def test_the_size_is_written_down(shapes, make_in, name, words):
+@pytest.mark.parametrize(("name", "phrase"), [("rectangle", "200 mm wide, 100 mm high"), ("L", "200 mm")])
+def test_the_size_is_written_down(shapes, make_in, name, phrase):
     ax, _ = drawn(make_in(shapes[name], 5, 0.01))
-    assert words in [text.get_text() for text in ax.texts]
+    assert phrase in [text.get_text() for text in ax.texts]
 
 
 def test_keep_outs_are_cut_off_at_the_boundary(shapes, make_in):
@@ -46,10 +46,12 @@ def test_keep_outs_are_cut_off_at_the_boundary(shapes, make_in):
 
 
 def test_axes_are_drawn_where_the_origin_is_in_the_picture(make_in):
-    for shift, shown in ((0.0, True), (-0.05, True), (0.7, False)):
-        marker = make_in(polygon_from([shift + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], "file"), 5, 0.01)
-        assert shows_origin(marker) is shown
-        assert ("x" in [text.get_text() for text in drawn(marker)[0].texts]) is shown
+    for offset, printed in ((0.0, True), (-0.05, True), (0.7, False)):
+        marker = make_in(
+            polygon_from([offset + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], "file"), 5, 0.01
+        )
+        assert shows_origin(marker) is printed
+        assert ("x" in [text.get_text() for text in drawn(marker)[0].texts]) is printed
 
 
 def test_a_rig_shows_the_plates_that_face_the_front():
@@ -57,6 +59,6 @@ def test_a_rig_shows_the_plates_that_face_the_front():
     cube = rigs.cube()
     plates = {plate.name for plate in cube.plates}
     front, back = cube.plot(), draw_rig(cube, direction=-np.array(sides(cube)["front"]))
-    shown = [{text.get_text() for text in ax.texts} & plates for ax in (front, back)]
-    assert [len(names) for names in shown] == [3, 3]
-    assert not shown[0] & shown[1]
+    printed = [{text.get_text() for text in ax.texts} & plates for ax in (front, back)]
+    assert [len(names) for names in printed] == [3, 3]
+    assert not printed[0] & printed[1]

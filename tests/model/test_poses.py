@@ -145,7 +145,7 @@ def test_texts_that_mean_the_same_are_one():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("cone:tilt=70..40", "a range of tilt in rising order, found tilt=70..40"),
         ("cone:azimuth=30..-30", "an arc across 0 is such as azimuth=-30..30"),
@@ -185,11 +185,11 @@ def test_texts_that_mean_the_same_are_one():
         ("a\nb" * 1000, "a known pose distribution"),
     ],
 )
-def test_texts_that_are_no_poses(text, words):
+def test_texts_that_are_no_poses(text, phrase):
     for make in (named_poses, lambda text: Spec(poses=text)):
         with pytest.raises(InputError) as caught:
             make(text)
-        assert words in str(caught.value)
+        assert phrase in str(caught.value)
         assert "\n" not in str(caught.value)
         assert len(str(caught.value)) < 500
 
@@ -218,7 +218,7 @@ FRONTAL = np.diag([1.0, -1.0, -1.0])
 
 
 @pytest.mark.parametrize(
-    ("rotation", "translation", "words"),
+    ("rotation", "translation", "phrase"),
     [
         (FRONTAL, [0, 0, -1], "1 behind the camera"),
         (FRONTAL, [0, 0, 0], "1 behind the camera"),
@@ -229,10 +229,10 @@ FRONTAL = np.diag([1.0, -1.0, -1.0])
         ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0, 0, 1], "1 from the back"),
     ],
 )
-def test_why_none_is_seen_is_told(rotation, translation, words):
+def test_why_none_is_seen_is_told(rotation, translation, phrase):
     with pytest.raises(InputError) as caught:
         looking([rotation], [translation]).seen_whole(Circle(0.15), PAPER_CAMERA)
-    assert f"none of 1 (test) for {sentence('disk', '150 mm')}: {words};" in str(caught.value)
+    assert f"none of 1 (test) for {sentence('disk', '150 mm')}: {phrase};" in str(caught.value)
 
 
 def test_reasons_are_counted():
@@ -325,7 +325,7 @@ def recorded(rotation, translation, name="poses.csv", sha256="0" * 64):
 
 
 @pytest.mark.parametrize(
-    ("mistake", "words"),
+    ("mistake", "phrase"),
     [
         (lambda r, t: (r.swapaxes(1, 2), -np.einsum("pji,pj->pi", r, t)), "held their inverses"),
         (lambda r, t: (FRONTAL @ r, t @ FRONTAL), "were for a camera frame with y up and z backward"),
@@ -336,14 +336,14 @@ def recorded(rotation, translation, name="poses.csv", sha256="0" * 64):
         (lambda r, t: (r @ FRONTAL, t), "were for a marker frame with y down and z into the face"),
     ],
 )
-def test_poses_that_are_meant_the_other_way_are_recognized(mistake, words):
+def test_poses_that_are_meant_the_other_way_are_recognized(mistake, phrase):
     # Less tilted poses see the marker either way.
     rotation, translation = Cone((0.8, 1.5), (35, 50), count=50).sample()
     boundary = Circle(0.05)
     assert len(recorded(rotation, translation).seen_whole(boundary, PAPER_CAMERA)) == 50
     with pytest.raises(InputError) as caught:
         recorded(*mistake(rotation, translation)).seen_whole(boundary, PAPER_CAMERA)
-    assert sentence("seen if", words) in str(caught.value)
+    assert sentence("seen if", phrase) in str(caught.value)
     # A preset or a cone cannot be the wrong way round.
     with pytest.raises(InputError, match="use a smaller marker"):
         looking(*mistake(rotation, translation)).seen_whole(boundary, PAPER_CAMERA)
@@ -357,9 +357,9 @@ def test_poses_of_which_few_see_the_marker_raise_a_doubt():
     assert seen.doubt == f"most poses do not see the whole marker; {sentence('seen if', 'held their inverses')}"
     assert not recorded(rotation, translation).seen_whole(Circle(0.05), PAPER_CAMERA).doubt
     # Half of these are too near: nothing is wrong with them.
-    near = recorded(*Cone((0.05, 0.6), (10, 50), count=200).sample()).seen_whole(Circle(0.15), PAPER_CAMERA)
-    assert 0 < len(near) < 100
-    assert not near.doubt
+    nearby = recorded(*Cone((0.05, 0.6), (10, 50), count=200).sample()).seen_whole(Circle(0.15), PAPER_CAMERA)
+    assert 0 < len(nearby) < 100
+    assert not nearby.doubt
 
 
 def test_of_too_many_poses_a_sample_is_kept():
@@ -372,9 +372,9 @@ def test_of_too_many_poses_a_sample_is_kept():
     assert seen.name == f"poses.csv, a sample of {len(everything)}"
     np.testing.assert_array_equal(seen.rotation, poses.seen_whole(Circle(0.3), PAPER_CAMERA).rotation)
     # A sample of the seen ones, in their order, with numbers that belong to the poses.
-    found = [np.flatnonzero((poses.numbers == row).all(axis=1))[0] for row in seen.numbers[::100]]
-    assert found == sorted(found)
-    np.testing.assert_array_equal(poses.rotation[found], seen.rotation[::100])
+    results = [np.flatnonzero((poses.numbers == row).all(axis=1))[0] for row in seen.numbers[::100]]
+    assert results == sorted(results)
+    np.testing.assert_array_equal(poses.rotation[results], seen.rotation[::100])
     # Looked at again, nothing more is lost, and nothing is forgotten.
     again = seen.seen_whole(Circle(0.3), PAPER_CAMERA)
     assert (again.name, again.dropped, again.sampled_from) == (seen.name, seen.dropped, seen.sampled_from)
@@ -398,7 +398,7 @@ def test_a_spec_is_told_apart_by_what_is_in_the_file():
 def test_poses_count_by_their_distance():
     poses = named_poses("cone:distance=0.5..8,count=50,weight=1/distance^2")
     np.testing.assert_allclose(poses.weight * poses.distance**2, 1.0)
-    some = poses.taken(np.array([3, 7]), 0)
-    np.testing.assert_array_equal(some.weight, poses.weight[[3, 7]])
+    subset = poses.taken(np.array([3, 7]), 0)
+    np.testing.assert_array_equal(subset.weight, poses.weight[[3, 7]])
     assert named_poses(poses.name).name == poses.name
     assert named_poses("cone:weight=1").weight is None

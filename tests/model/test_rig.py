@@ -30,8 +30,8 @@ def test_points_go_through_the_rig_frame_as_through_the_camera_frame(w, t, other
     rotation, translation = exponential(other_w), other_t
     points = MARKER.xyz
     assert mounted.to_marker(mounted.to_body(points)) == pytest.approx(points, abs=1e-14)
-    turned, moved = mounted.camera_pose(rotation, translation)
-    assert points @ turned.T + moved == pytest.approx(mounted.to_body(points) @ rotation.T + translation, abs=1e-13)
+    rotated, moved = mounted.camera_pose(rotation, translation)
+    assert points @ rotated.T + moved == pytest.approx(mounted.to_body(points) @ rotation.T + translation, abs=1e-13)
 
 
 def test_dots_are_numbered_through_the_markers():
@@ -55,9 +55,9 @@ def test_markers_are_files_beside_the_rig(tmp_path):
     (tmp_path / "faces").mkdir()
     (tmp_path / "faces" / "m.json").write_bytes(to_json(MARKER))
     content = json.loads(rig_to_json(RIG))
-    for each in content["markers"]:
-        del each["marker"]
-        each["file"] = "faces/m.json"
+    for item in content["markers"]:
+        del item["marker"]
+        item["file"] = "faces/m.json"
     (tmp_path / "rig.json").write_text(json.dumps(content))
     assert mg.Rig.load(tmp_path / "rig.json") == RIG
 
@@ -69,7 +69,7 @@ def broken(change):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         (lambda c: c.update(format="markergen-marker"), '"format": "markergen-rig"'),
         (lambda c: c.update(version=2), "update markergen"),
@@ -87,10 +87,10 @@ def broken(change):
         (lambda c: c.update(relation_covariance=(-np.eye(12)).tolist()), "positive semidefinite"),
     ],
 )
-def test_bad_files_are_refused_in_one_line(change, words):
+def test_bad_files_are_refused_in_one_line(change, phrase):
     with pytest.raises(InputError) as error:
         Rig.load(broken(change))
-    assert words in str(error.value)
+    assert phrase in str(error.value)
     assert "\n" not in str(error.value)
 
 

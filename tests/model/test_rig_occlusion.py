@@ -26,25 +26,25 @@ def poses_of(count, seed, distance=(0.15, 0.6)):
 def by_rays(rig, eye, scale):
     """Dots (n,) of which a ray to the rim of a disk of `scale` times its radius meets something else first."""
     angle = 2 * np.pi * np.arange(RIM) / RIM
-    found = np.zeros(len(rig), dtype=bool)
+    results = np.zeros(len(rig), dtype=bool)
     for k in range(len(rig)):
-        each = rig.markers[rig.owner[k]]
+        item = rig.markers[rig.owner[k]]
         rim = scale * rig.radii[k] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-        ways = rig.xyz[k] + np.concatenate([rim, np.zeros((1, 3))]) @ each.rotation_matrix.T - eye
-        behind = (eye - rig.xyz[k]) @ each.rotation_matrix[:, 2] <= 0
-        found[k] = behind or np.any(first_hits(rig, eye, ways)[0] != rig.owner[k])
-    return found
+        ways = rig.xyz[k] + np.concatenate([rim, np.zeros((1, 3))]) @ item.rotation_matrix.T - eye
+        behind = (eye - rig.xyz[k]) @ item.rotation_matrix[:, 2] <= 0
+        results[k] = behind or np.any(first_hits(rig, eye, ways)[0] != rig.owner[k])
+    return results
 
 
 @pytest.mark.parametrize("rig", [cube(), wall(), corner(True), corner(False), scattered(0), scattered(1)])
 def test_rays_find_the_same_dots_hidden(rig):
     poses, eyes = poses_of(40, 3)
-    found = hidden(rig, poses)
-    for eye, here in zip(eyes, found, strict=True):
+    result = hidden(rig, poses)
+    for eye, here in zip(eyes, result, strict=True):
         # Rays miss the nearest point of a rim, by less than 1 % of its radius.
         assert not (by_rays(rig, eye, 0.99) & ~here).any()
         assert not (here & ~by_rays(rig, eye, 1.02)).any()
-    assert 0 < found.mean() < 1
+    assert 0 < result.mean() < 1
 
 
 def test_some_dots_of_these_are_hidden_by_other_plates():
@@ -63,9 +63,9 @@ def test_a_rig_of_one_marker_is_that_marker():
     poses, _ = poses_of(50, 5)
     expected = hidden(relief, poses)
     assert (hidden(Rig((Plate("a", relief, np.eye(3).tolist(), (0, 0, 0)),)), poses) == expected).all()
-    turn, shift = exponential(rng.normal(size=3)), rng.normal(size=3)
-    there = PoseDistribution("", poses.rotation @ turn.T, poses.translation - poses.rotation @ turn.T @ shift)
-    assert (hidden(Rig((Plate("a", relief, turn.tolist(), tuple(shift)),)), there) == expected).all()
+    rotation, offset = exponential(rng.normal(size=3)), rng.normal(size=3)
+    there = PoseDistribution("", poses.rotation @ rotation.T, poses.translation - poses.rotation @ rotation.T @ offset)
+    assert (hidden(Rig((Plate("a", relief, rotation.tolist(), tuple(offset)),)), there) == expected).all()
 
 
 def test_plates_are_painted_behind_what_hides_them():

@@ -16,14 +16,14 @@ def corners(face):
 @pytest.mark.parametrize("text", TEXTS)
 def test_frames_are_rotations_out_of_the_body(text):
     for face in rig_shape(text).faces:
-        turn = np.array(face.rotation)
-        assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-12)
-        assert np.linalg.det(turn) == pytest.approx(1)
+        rotation = np.array(face.rotation)
+        assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1)
         if text.startswith(("cube", "prism")):
-            assert turn[:, 2] @ face.translation == pytest.approx(np.linalg.norm(face.translation))
-            if abs(turn[2, 2]) < 0.5:
+            assert rotation[:, 2] @ face.translation == pytest.approx(np.linalg.norm(face.translation))
+            if abs(rotation[2, 2]) < 0.5:
                 # Text on a side face stands upright.
-                assert turn[:, 1] == pytest.approx([0, 0, 1])
+                assert rotation[:, 1] == pytest.approx([0, 0, 1])
 
 
 @pytest.mark.parametrize(("text", "count"), [("cube", 8), ("prism:3", 6), ("prism:6", 12)])
@@ -68,7 +68,7 @@ def test_thick_plates_with_a_wide_edge_are_set_back_farther(angle, setback):
 
 
 @pytest.mark.parametrize(
-    ("text", "measures", "words"),
+    ("text", "measures", "phrase"),
     [
         ("dodecahedron", {}, "known shape"),
         ("cube 3", {}, "nothing behind cube"),
@@ -88,6 +88,6 @@ def test_thick_plates_with_a_wide_edge_are_set_back_farther(angle, setback):
         ("wall 3x2", {"thickness": 0.004}, "--thickness"),
     ],
 )
-def test_others_are_refused(text, measures, words):
-    with pytest.raises(InputError, match=words):
+def test_others_are_refused(text, measures, phrase):
+    with pytest.raises(InputError, match=phrase):
         rig_shape(text, **measures)

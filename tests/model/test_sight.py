@@ -49,8 +49,8 @@ def test_size_is_that_of_the_image_ellipse():
         _, semi, _ = dot_ellipses(marker.xyz, PAPER_CAMERA, rotation, translation, np.full(4, 0.03))
         one = PoseDistribution("one", rotation[None], translation[None])
         mean = 2 * np.sqrt(semi.prod(axis=-1))
-        for near, seen in ((0.99, True), (1.01, False)):
-            assert disks_in_view(marker.xyz, np.full(4, 0.03), PAPER_CAMERA, one, near * mean).all() == seen
+        for nearby, seen in ((0.99, True), (1.01, False)):
+            assert disks_in_view(marker.xyz, np.full(4, 0.03), PAPER_CAMERA, one, nearby * mean).all() == seen
 
 
 def test_dots_behind_or_from_the_back_do_not_count():
@@ -89,14 +89,14 @@ def test_a_rig_shows_what_its_plates_show_and_nothing_hides():
 def test_what_serves_is_told_by_distance():
     points = np.array([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1], [0.0, 0.3]])
     marker = build_marker(points, Circle(0.4), 0.04, 0.004)
-    found = coverage(marker, CAMERA, frontal(0.3, 0.8, 2.0, 5.0, 14.0))
-    assert found.count.tolist() == [0, 4, 5, 5, 0]
-    assert found.served.tolist() == [False, True, True, True, False]
-    first, last = found.gaps
+    result = coverage(marker, CAMERA, frontal(0.3, 0.8, 2.0, 5.0, 14.0))
+    assert result.count.tolist() == [0, 4, 5, 5, 0]
+    assert result.served.tolist() == [False, True, True, True, False]
+    first, last = result.gaps
     assert first.startswith("0.3 to 0.3")
     assert first.endswith("0 dots in view")
     assert "14 m: 0 dots in view" in last
-    assert sum(row["served"] for row in found.rows()) == 3
+    assert sum(row["served"] for row in result.rows()) == 3
 
 
 def test_four_dots_on_a_line_do_not_serve():

@@ -41,7 +41,7 @@ def test_print_errors_that_cannot_be_are_refused(print_sigma):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"noise_model": "pixel"}, "known: point, image"),
         ({"noise_model": "point", "dot": "auto"}, "the noise model image for --dot auto"),
@@ -49,8 +49,8 @@ def test_print_errors_that_cannot_be_are_refused(print_sigma):
         ({"print_sigma": 1e-4, "noise_model": "point", "dot": 0.036}, "use --noise-model image"),
     ],
 )
-def test_wishes_that_do_not_go_together_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
+def test_wishes_that_do_not_go_together_are_refused(values, phrase):
+    with pytest.raises(InputError, match=phrase):
         Spec(**values)
 
 
@@ -89,7 +89,7 @@ def test_a_tag_is_settled_so_that_what_means_the_same_is_equal():
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"tag": "apriltag:36h12:1"}, "did you mean 'apriltag:36h11'"),
         ({"tag": "aruco:DICT_4X4_50:50"}, "an id of 0 to 49"),
@@ -99,8 +99,8 @@ def test_a_tag_is_settled_so_that_what_means_the_same_is_equal():
         ({"tag": "aruco:DICT_4X4_50:1", "keep_outs": (Circle(0.01),)}, "no room in the middle"),
     ],
 )
-def test_tags_that_do_not_go_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
+def test_tags_that_do_not_go_are_refused(values, phrase):
+    with pytest.raises(InputError, match=phrase):
         Spec(**values)
 
 
@@ -118,7 +118,7 @@ def test_no_dot_and_no_tag_lies_on_a_hole():
     plate = Substrate(holes=holes)
     assert Spec(substrate=plate).blocked == rims
     assert Spec(keep_outs=(Circle(0.01),), substrate=plate).blocked == (Circle(0.01), *rims)
-    free, tight = (Spec(tag="aruco:DICT_4X4_50", substrate=each) for each in (Substrate(), plate))
+    free, tight = (Spec(tag="aruco:DICT_4X4_50", substrate=item) for item in (Substrate(), plate))
     # Without holes the tag and its quiet zone are 66.7 mm wide.
     assert free.tag_side == 0.05
     closer = Spec(tag="aruco:DICT_4X4_50", substrate=Substrate(holes=parse_mount("4xM3@60mm/0")))
@@ -129,7 +129,7 @@ def test_no_dot_and_no_tag_lies_on_a_hole():
 
 
 @pytest.mark.parametrize(
-    ("substrate", "words"),
+    ("substrate", "phrase"),
     [
         (Substrate(outline=Circle(0.14)), "a plate's outline that holds the boundary"),
         (Substrate(holes=parse_mount("4xM3@0.5")), "over the edge of the plate"),
@@ -138,11 +138,11 @@ def test_no_dot_and_no_tag_lies_on_a_hole():
         (Substrate(holes=parse_mount("0.28:0,0")), None),
     ],
 )
-def test_plates_that_cannot_carry_the_dots_are_refused(substrate, words):
-    if words is None:
+def test_plates_that_cannot_carry_the_dots_are_refused(substrate, phrase):
+    if phrase is None:
         assert Spec(substrate=substrate).substrate == substrate
         return
-    with pytest.raises(InputError, match=words) as caught:
+    with pytest.raises(InputError, match=phrase) as caught:
         Spec(substrate=substrate)
     assert "\n" not in str(caught.value)
 

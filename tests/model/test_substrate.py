@@ -30,7 +30,7 @@ def test_only_what_is_not_the_default_is_written():
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"thickness": 0.0}, "thickness=0.0 m; give --thickness"),
         ({"thickness": -0.003}, "thickness=-0.003 m"),
@@ -43,14 +43,14 @@ def test_only_what_is_not_the_default_is_written():
         ({"holes": (Hole(0, 0, 0.001),) * (MOST_HOLES + 1)}, "at most 200 holes, found 201"),
     ],
 )
-def test_plates_that_cannot_be_are_refused(values, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_plates_that_cannot_be_are_refused(values, phrase):
+    with pytest.raises(InputError, match=phrase) as caught:
         Substrate(**values)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"x": nan}, "a hole at a finite place"),
         ({"diameter": 0.0}, "diameter above 0"),
@@ -60,8 +60,8 @@ def test_plates_that_cannot_be_are_refused(values, words):
         ({"sink": nan}, "a countersink wider"),
     ],
 )
-def test_holes_that_cannot_be_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
+def test_holes_that_cannot_be_are_refused(values, phrase):
+    with pytest.raises(InputError, match=phrase):
         replace(Hole(0.0, 0.0, 0.0034), **values)
 
 
@@ -135,7 +135,7 @@ def test_dowels_are_on_the_x_axis():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("", "expected mounting holes, found ''; write 4xM3@120mm"),
         ("4xM3", "write 4xM3@120mm"),
@@ -161,8 +161,8 @@ def test_dowels_are_on_the_x_axis():
         ("x" * 5000, "expected mounting holes"),
     ],
 )
-def test_what_are_no_holes_is_told_in_one_line(text, words):
-    with pytest.raises(InputError, match=re.escape(words)) as caught:
+def test_what_are_no_holes_is_told_in_one_line(text, phrase):
+    with pytest.raises(InputError, match=re.escape(phrase)) as caught:
         parse_mount(text)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300

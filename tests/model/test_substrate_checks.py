@@ -43,8 +43,8 @@ def test_a_hole_in_a_dot_says_by_how_much_and_what_would_fit(pentagon):
     # The topmost dot reaches down to 110.4 mm, and the clearance to 106.8 mm.
     over = refusal(lambda: check_holes(with_holes(pentagon, Hole(0.0, 0.109, 0.0034, name="M3"))))
     assert sentence("hole", "M3", "0 mm, 109 mm") + " is 0.3 mm over dot 0 (move it by 3.9 mm)" in over
-    near = refusal(lambda: check_holes(with_holes(pentagon, Hole(0.0, 0.106, 0.0034, name="M3"))))
-    assert sentence("hole too near", "2.7 mm", "dot 0", "3.6 mm", "0.9 mm") in near
+    nearby = refusal(lambda: check_holes(with_holes(pentagon, Hole(0.0, 0.106, 0.0034, name="M3"))))
+    assert sentence("hole too near", "2.7 mm", "dot 0", "3.6 mm", "0.9 mm") in nearby
     check_holes(with_holes(pentagon, Hole(0.0, 0.106, 0.0016)))
     check_holes(with_holes(pentagon, Hole(0.0, 0.106 - 0.0009, 0.0034)))
 

@@ -97,7 +97,7 @@ def test_tags_are_read(text, family, number):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("aruco:DICT_4X4_50:50", "an id of 0 to 49 in aruco:DICT_4X4_50, found id=50"),
         ("apriltag:36h11:587", "an id of 0 to 586"),
@@ -109,10 +109,10 @@ def test_tags_are_read(text, family, number):
         ("apriltag:36h11:", "write the id as a number"),
     ],
 )
-def test_what_is_no_tag_is_refused(text, said):
+def test_what_is_no_tag_is_refused(text, message):
     with pytest.raises(InputError, match="expected") as error:
         parse_tag(text, 0.05)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize("side", [0.0, -1.0, float("nan"), float("inf")])
@@ -177,10 +177,10 @@ def test_a_tag_fits_with_its_quiet_zone_or_is_refused(boundary, side, fits):
 def test_the_size_that_is_told_fits():
     with pytest.raises(InputError) as error:
         place_tag("aruco:DICT_4X4_50", 0.3, Circle(0.15))
-    told = float(str(error.value).split("--tag-size ")[1].split("mm")[0]) / 1e3
+    output = float(str(error.value).split("--tag-size ")[1].split("mm")[0]) / 1e3
     # Exactly 0.15 sqrt(2) 6/8 = 159.1 mm; found to a thousandth, and rounded down.
-    assert 0.1588 <= told <= 0.1591
-    assert place_tag("aruco:DICT_4X4_50", told, Circle(0.15)).side == told
+    assert 0.1588 <= output <= 0.1591
+    assert place_tag("aruco:DICT_4X4_50", output, Circle(0.15)).side == output
 
 
 def test_a_hole_in_the_middle_leaves_no_room():
@@ -201,7 +201,7 @@ def test_lists_of_ids_are_read(text, ids):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("0-50", "ids of 0 to 49 in aruco:DICT_4X4_50, found id=50"),
         ("0-999999999", "found id=999999999"),
@@ -215,10 +215,10 @@ def test_lists_of_ids_are_read(text, ids):
         ("1-2-3", "ids such as 0-9"),
     ],
 )
-def test_what_is_no_list_of_ids_is_refused(text, said):
+def test_what_is_no_list_of_ids_is_refused(text, message):
     with pytest.raises(InputError) as error:
         parse_ids(text, "aruco:DICT_4X4_50")
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(5, 5), (4, 6), (3, 7), (6, 4)])
@@ -255,7 +255,7 @@ def test_geometry_of_a_board():
 
 
 @pytest.mark.parametrize(
-    ("family", "columns", "rows", "square", "said"),
+    ("family", "columns", "rows", "square", "message"),
     [
         ("aruco:DICT_4X4_50", 2, 5, 0.04, "3x3 squares or more"),
         ("aruco:DICT_4X4_50", 11, 11, 0.04, "at most 50 tags"),
@@ -263,8 +263,8 @@ def test_geometry_of_a_board():
         ("aruco:DICT_4X4_50", 5, 5, 0.0, "square side above 0"),
     ],
 )
-def test_boards_that_cannot_be_are_refused(family, columns, rows, square, said):
-    with pytest.raises(InputError, match=said):
+def test_boards_that_cannot_be_are_refused(family, columns, rows, square, message):
+    with pytest.raises(InputError, match=message):
         Board(family, columns, rows, square)
     with pytest.raises(InputError, match="of its square"):
         Board("aruco:DICT_4X4_50", 5, 5, 0.04, 1.0)

@@ -57,8 +57,8 @@ def test_roll_and_azimuth_are_about_the_line_of_sight():
     np.testing.assert_allclose(poses.cos_tilt, 1, atol=1e-12)
     toward = poses.translation / poses.distance[:, None]
     angles = np.arccos(toward[:, 2])
-    turned = poses.rotation @ np.diag([1.0, -1.0, -1.0])
-    np.testing.assert_allclose(np.arccos((np.trace(turned, axis1=1, axis2=2) - 1) / 2), angles, atol=1e-7)
+    rotated = poses.rotation @ np.diag([1.0, -1.0, -1.0])
+    np.testing.assert_allclose(np.arccos((np.trace(rotated, axis1=1, axis2=2) - 1) / 2), angles, atol=1e-7)
 
 
 def test_the_same_text_gives_the_same_poses_and_other_seeds_others():
@@ -73,9 +73,9 @@ def test_near_poses_that_hardly_fit_are_fewer_and_none_is_an_error():
     with pytest.raises(InputError, match="a pose that sees the whole marker"):
         named_poses("view:distance=0.05").seen_whole(DISK, CAMERA)
     # Where the disk just fits into the height, it is in the middle.
-    near = named_poses("view:distance=0.2,tilt=0,margin=0%,count=40").seen_whole(Circle(0.095), CAMERA)
-    assert 0 < len(near) <= 40
-    assert abs(pixels_of(near, np.zeros((1, 2)))[:, 0, 1] - 350).max() < 60
+    nearby = named_poses("view:distance=0.2,tilt=0,margin=0%,count=40").seen_whole(Circle(0.095), CAMERA)
+    assert 0 < len(nearby) <= 40
+    assert abs(pixels_of(nearby, np.zeros((1, 2)))[:, 0, 1] - 350).max() < 60
 
 
 def test_at_one_distance_they_are_placed_again():
@@ -85,15 +85,15 @@ def test_at_one_distance_they_are_placed_again():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("view:margin=60%", "a margin from 0% to below 50%"), ("view:margin=0.05", "a margin from"),
         ("view:margin=-1%", "a margin"), ("view:margin=x%", "a margin"), ("view:size=3", "a key of view"),
         ("view:tilt=95", "values of tilt"), ("view:margin=nan%", "a margin"),
     ],
 )  # fmt: skip
-def test_texts_that_are_no_views(text, words):
-    with pytest.raises(InputError, match=words):
+def test_texts_that_are_no_views(text, phrase):
+    with pytest.raises(InputError, match=phrase):
         named_poses(text)
 
 

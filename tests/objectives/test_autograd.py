@@ -82,8 +82,8 @@ def test_gradient_agrees_with_differences(few, name, kind, dimension):
 def test_what_is_known_in_closed_form_comes_out_the_same(few, name):
     points = regular_polygon(5, 0.12) + np.random.default_rng(1).normal(scale=0.01, size=(4, 5, 2))
     written, closed = Trace(settings(few)[name]), OBJECTIVES["pose"](settings(few)[name])
-    for found, known in zip(written.value_and_gradient(points), closed.value_and_gradient(points), strict=True):
-        np.testing.assert_allclose(found, known, rtol=1e-7, atol=1e-9)
+    for result, reference in zip(written.value_and_gradient(points), closed.value_and_gradient(points), strict=True):
+        np.testing.assert_allclose(result, reference, rtol=1e-7, atol=1e-9)
 
 
 def test_a_layout_that_determines_nothing_has_no_value_and_no_gradient(few):
@@ -93,23 +93,23 @@ def test_a_layout_that_determines_nothing_has_no_value_and_no_gradient(few):
         value, gradient = kind(few).value_and_gradient(both)
         assert not np.isfinite(value[0])
         np.testing.assert_array_equal(gradient[0], 0)
-        alone, known = kind(few).value_and_gradient(good[None])
+        alone, reference = kind(few).value_and_gradient(good[None])
         np.testing.assert_allclose(value[1], alone[0], rtol=1e-12)
-        np.testing.assert_allclose(gradient[1], known[0], rtol=1e-9)
+        np.testing.assert_allclose(gradient[1], reference[0], rtol=1e-9)
 
 
 def test_what_an_objective_does_not_know_is_told(few):
     class Flat(Spread):
         planar_only = True
 
-    for spec, given, words in (
+    for spec, stated, phrase in (
         (Spec(objective="flat", relief=0.01), few, "points in space with a relief, found objective='flat'"),
         (Spec(objective="flat"), settings(few)["image"], "that depends on the noise"),
     ):
         try:
             OBJECTIVES._entries["flat"] = Flat
-            with pytest.raises(InputError, match=words):
-                objective_of(spec, given)
+            with pytest.raises(InputError, match=phrase):
+                objective_of(spec, stated)
         finally:
             del OBJECTIVES._entries["flat"]
 

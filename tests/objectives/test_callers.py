@@ -52,7 +52,7 @@ def test_a_class_is_minimized_and_a_cell_may_be_run_again():
 
 
 @pytest.mark.parametrize(
-    ("objective", "words"),
+    ("objective", "phrase"),
     [
         (lambda points: 1, r"points and view, found <lambda>\(points\)"),
         (lambda points, view: "a", "found 'a'"),
@@ -61,8 +61,8 @@ def test_a_class_is_minimized_and_a_cell_may_be_run_again():
         (lambda points, view: anp.sum(points**2), r"found shape \(\); .* \(\d+, 20\)"),
     ],
 )
-def test_a_function_of_another_form_is_refused(objective, words):
-    with pytest.raises(mg.InputError, match=words):
+def test_a_function_of_another_form_is_refused(objective, phrase):
+    with pytest.raises(mg.InputError, match=phrase):
         mg.design(objective=objective, **FEW)
 
 
@@ -72,10 +72,10 @@ def test_what_is_no_objective_is_refused(objective):
         mg.design(objective=objective, **FEW)
 
 
-@pytest.mark.parametrize(("value", "words"), [(-40.0, "above 0"), (np.nan, "numbers")])
-def test_values_that_have_no_logarithm_are_refused_before_the_search(value, words):
+@pytest.mark.parametrize(("value", "phrase"), [(-40.0, "above 0"), (np.nan, "numbers")])
+def test_values_that_have_no_logarithm_are_refused_before_the_search(value, phrase):
     def constant(points, view):
         return value + 0 * view.covariance(points)[..., 0, 0]
 
-    with pytest.raises(mg.InputError, match=words):
+    with pytest.raises(mg.InputError, match=phrase):
         mg.design(objective=constant, **FEW)

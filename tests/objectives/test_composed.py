@@ -11,7 +11,7 @@ from markergen.objectives.survive import SurvivalObjective
 
 def parts(setting, lost):
     made = [OBJECTIVES[name](setting) for name in ("pose", "rotation", "homography")]
-    return [SurvivalObjective(each, lost) if lost else each for each in made]
+    return [SurvivalObjective(item, lost) if lost else item for item in made]
 
 
 @pytest.mark.parametrize("softness", [0.0, 0.05, 2.0])
@@ -35,10 +35,10 @@ def test_gradient_agrees_with_differences(setting, softness, lost):
 def test_the_value_is_the_sum_where_bounds_are_kept_and_more_elsewhere(setting):
     pose, rotation, _ = parts(setting, 0)
     points = regular_polygon(5, 0.12)[None]
-    plain, turned = pose(points), float(rotation(points)[0])
-    np.testing.assert_allclose(ComposedObjective([(2.0, pose)], [(rotation, turned)])(points), 2 * plain, rtol=1e-12)
+    plain, rotated = pose(points), float(rotation(points)[0])
+    np.testing.assert_allclose(ComposedObjective([(2.0, pose)], [(rotation, rotated)])(points), 2 * plain, rtol=1e-12)
     # h = log 1.01 costs a factor of (1 + h)^100.
-    above = ComposedObjective([(1.0, pose)], [(rotation, turned / 1.01)])
+    above = ComposedObjective([(1.0, pose)], [(rotation, rotated / 1.01)])
     np.testing.assert_allclose(above(points), plain * (1 + np.log(1.01)) ** 100, rtol=1e-9)
     np.testing.assert_allclose(above.excess(points), [[np.log(1.01)]])
     assert above.unit == "m"

@@ -20,8 +20,8 @@ def test_pose_is_the_expected_displacement_of_the_rim(setting):
     rim = setting.boundary.rim(RIM_POINTS)
     for index in (0, 170, 399):
         twists = rng.multivariate_normal(np.zeros(6), bound[index], size=20_000)
-        turned = rim @ poses.rotation[index, :, :2].T
-        moved = np.cross(twists[:, None, :3], turned) + twists[:, None, 3:]
+        rotated = rim @ poses.rotation[index, :, :2].T
+        moved = np.cross(twists[:, None, :3], rotated) + twists[:, None, 3:]
         sampled = np.sqrt(np.mean(np.sum(moved**2, axis=-1)))
         # 20,000 draws of six normals: the RMS is good to about 1 / sqrt(2 * 20,000) = 0.5 %; four sigma.
         assert sampled == pytest.approx(value[index], rel=0.02)
@@ -36,7 +36,7 @@ def test_homography_is_the_expected_error_on_the_grid(setting):
     for index in (0, 250):
         matrix = plane_homography(poses.rotation[[index]], poses.translation[[index]], setting.camera.matrix)[0]
         # Derivative of a mapped point by the nine entries of H: [p 0 -x p; 0 p -y p] / w.
-        rows, targets = (np.concatenate([_entries(matrix, p) for p in some]) for some in (points, grid))
+        rows, targets = (np.concatenate([_entries(matrix, p) for p in subset]) for subset in (points, grid))
         noise = rng.normal(size=(20_000, rows.shape[0]))
         moved = noise @ np.linalg.pinv(rows, rcond=1e-12).T @ targets.T
         sampled = np.sqrt(np.mean(np.sum(moved**2, axis=-1)) / len(grid))
@@ -122,7 +122,7 @@ def test_rotation_and_translation_are_the_bounds(setting):
     points = np.random.default_rng(6).uniform(-0.1, 0.1, (2, 5, 2))
     row = criteria(points, setting)
     for name, key in (("rotation", "rotation_deg"), ("translation", "translation_pct")):
-        np.testing.assert_allclose(OBJECTIVES[name](setting)(points), [each[key] for each in row], rtol=1e-12)
+        np.testing.assert_allclose(OBJECTIVES[name](setting)(points), [item[key] for item in row], rtol=1e-12)
 
 
 def test_criteria_of_a_relief_are_those_that_it_has(setting):

@@ -76,7 +76,7 @@ def test_a_lens_that_bends_nothing_changes_nothing(setting):
     straight = replace(plain, camera=replace(PAPER_CAMERA, distortion=Distortion("radtan", (0.0,) * 4)))
     points = layouts(2)
     for name in TRACES:
-        one, other = (OBJECTIVES[name](each).value_and_gradient(points) for each in (plain, straight))
+        one, other = (OBJECTIVES[name](item).value_and_gradient(points) for item in (plain, straight))
         np.testing.assert_allclose(one[0], other[0], rtol=1e-13)
         np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12 * np.abs(one[1]).max())
 
@@ -84,7 +84,7 @@ def test_a_lens_that_bends_nothing_changes_nothing(setting):
 def test_condition_is_written_with_undistorted_points(bent):
     ideal = replace(bent, camera=bent.camera.ideal)
     for coordinates in ("unit", "metric", "pixel"):
-        one, other = (OBJECTIVES["condition"](each, coordinates=coordinates)(layouts(2)) for each in (bent, ideal))
+        one, other = (OBJECTIVES["condition"](item, coordinates=coordinates)(layouts(2)) for item in (bent, ideal))
         np.testing.assert_array_equal(one, other)
 
 
@@ -150,7 +150,7 @@ def test_gradient_agrees_with_differences(image, name, aggregate, print_sigma):
 def test_pose_covariance_is_that_of_dots_weighed_one_by_one(image):
     # By the definition: every dot's image by differences of the projection, its covariance, and its inverse as weight.
     points, poses = regular_polygon(5, 0.12), image.poses
-    found = PoseObjective(image).covariance(points[None])[0]
+    results = PoseObjective(image).covariance(points[None])[0]
     for index in (0, 130, 399):
         R, t = poses.rotation[[index]], poses.translation[[index]]
         jacobian = pose_jacobian(points, R, t, image.camera.focal)[0].reshape(5, 2, 6)
@@ -163,14 +163,14 @@ def test_pose_covariance_is_that_of_dots_weighed_one_by_one(image):
             spread = center_covariance(0.018 * plane, NOISE.image.edge_px, NOISE.image.contrast_to_noise)
             total += jacobian[i].T @ np.linalg.inv(spread) @ jacobian[i]
         # The nodes of the integral are chosen by the marker's middle instead of by the dot: 3e-4.
-        ratio = rotation_bound(found[index]) / rotation_bound(covariance(total))
+        ratio = rotation_bound(results[index]) / rotation_bound(covariance(total))
         assert ratio == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("print_sigma", [1e-6, 1e-5, 1e-4, 1e-2])
 def test_pose_covariance_is_the_budgets_total(image, print_sigma):
     points, poses, radius = regular_polygon(5, 0.12), image.poses, NOISE.diameter / 2
-    found = PoseObjective(replace(image, noise=replace(NOISE, print_sigma=print_sigma))).covariance(points[None])[0]
+    result = PoseObjective(replace(image, noise=replace(NOISE, print_sigma=print_sigma))).covariance(points[None])[0]
 
     def shapes(of):
         jacobian = pose_jacobian(of, poses.rotation, poses.translation, image.camera.focal)
@@ -183,9 +183,9 @@ def test_pose_covariance_is_the_budgets_total(image, print_sigma):
         points, poses.rotation, poses.translation, image.camera, spread, ErrorSources(print_sigma=print_sigma)
     )
     scale = np.sqrt(np.einsum("pii->pi", budget.total))
-    difference = (found - budget.total) / (scale[:, :, None] * scale[:, None, :])
+    difference = (result - budget.total) / (scale[:, :, None] * scale[:, None, :])
     assert np.abs(difference).max() < 1e-9
-    np.testing.assert_allclose(rotation_bound(found), rotation_bound(budget.total), rtol=1e-9)
+    np.testing.assert_allclose(rotation_bound(result), rotation_bound(budget.total), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", WEIGHING)

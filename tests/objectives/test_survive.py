@@ -86,13 +86,13 @@ def test_which_losses(few):
     assert losses(5, 1).tolist() == [[0], [1], [2], [3], [4]]
     assert losses(7, 3).shape == (35, 3)
     assert losses(4, 0).shape == (1, 0)
-    for n, lost, words in [
+    for n, lost, phrase in [
         (4, 1, "four dots or more that are left, found n=4, survive=1; use --n 5 or more"),
         (6, 4, "0 to 3 lost dots"),
         (6, -1, "0 to 3 lost dots"),
         (24, 3, "at most 2000 sets of lost dots, found 2024 for n=24, survive=3"),
     ]:
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=phrase):
             losses(n, lost)
     with pytest.raises(InputError, match="four dots"):
         SurvivalObjective(OBJECTIVES["pose"](few), 1)(np.zeros((1, 4, 2)))
@@ -104,9 +104,9 @@ def test_errors_with_hidden_dots(few):
     assert [row.hidden for row in table] == [0, 1, 2]
     assert table[0].worst_dots == ()
     for lost, row in enumerate(table):
-        each = [criteria(rest, few)[0] for rest in left(points[None], lost)]
-        for key in each[0]:
-            values = [one[key] for one in each]
+        item = [criteria(rest, few)[0] for rest in left(points[None], lost)]
+        for key in item[0]:
+            values = [one[key] for one in item]
             assert row.worst[key] == pytest.approx(max(values), rel=1e-9)
             assert row.mean[key] == pytest.approx(np.mean(values), rel=1e-9)
         rest = np.delete(points, row.worst_dots, axis=0)

@@ -58,9 +58,9 @@ def test_dots_are_where_the_camera_sees_them(movie, few):
     pixels = few.camera.project(
         step.points, poses.rotation[middle : middle + 1], poses.translation[middle : middle + 1]
     )[0]
-    found = movie.polygons(step)[5:].mean(axis=1)
+    results = movie.polygons(step)[5:].mean(axis=1)
     scale = 440 / 640
-    np.testing.assert_allclose((found - found[0]) / scale, pixels - pixels[0], atol=1.0)
+    np.testing.assert_allclose((results - results[0]) / scale, pixels - pixels[0], atol=1.0)
     np.testing.assert_allclose(movie.polygons(step).min() > 0, True)
 
 

@@ -34,18 +34,18 @@ def room_of(objective, region):
 def layouts(region, n, count, rng):
     """Feasible layouts (B, n, 2) of many kinds: random, on the edge, in rings, of lattices."""
     r = region.boundary.radius
-    found = [region.sample(count, n, rng)]
+    results = [region.sample(count, n, rng)]
     for _ in range(count // 4):
         angles = 2 * np.pi * (np.arange(n) / n + rng.random()) + rng.normal(scale=0.1, size=n)
         rim = r * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         ring = rim * np.where(np.arange(n) % rng.integers(1, 4), 0.5, 1.0)[:, None]
-        found += [region.project(each[None]) for each in (rim, ring)]
+        results += [region.project(item[None]) for item in (rim, ring)]
     places = lattice(region.boundary, region.diameter or r / n, region.clearance)
     for _ in range(count // 4 if len(places) >= n else 0):
         taken = places[rng.permutation(len(places))[:n]]
-        found.append(region.project(taken[None]))
-    found = np.concatenate(found)
-    return found[region.holds(found)]
+        results.append(region.project(taken[None]))
+    results = np.concatenate(results)
+    return results[region.holds(results)]
 
 
 def attempt_to_break(objective, region, n, count=1000, restarts=6):
@@ -54,12 +54,12 @@ def attempt_to_break(objective, region, n, count=1000, restarts=6):
     tried = layouts(region, n, count, rng)
     values = objective(tried)
     best = search(objective, region, n, rng, restarts, rough=objective)
-    found = certify(objective, region, best.points)
-    assert found.lower_bound > 0.5 * best.value
+    certificate = certify(objective, region, best.points)
+    assert certificate.lower_bound > 0.5 * best.value
     assert len(tried) > count / 2
     # The layout itself may be the optimum; then the bound is below it by its tolerance alone.
-    assert min(values.min(), best.value) >= found.lower_bound
-    return found
+    assert min(values.min(), best.value) >= certificate.lower_bound
+    return certificate
 
 
 def test_regular_polygons_of_bare_points_are_as_good_as_a_ring(setting):
@@ -67,10 +67,10 @@ def test_regular_polygons_of_bare_points_are_as_good_as_a_ring(setting):
     region, objective = FeasibleRegion(Circle(0.15)), OBJECTIVES["pose"](setting)
     ring = objective(regular_polygon(120, 0.15)[None])[0] * np.sqrt(120)
     for n in (4, 8):
-        found = certify(objective, region, regular_polygon(n, 0.15))
-        assert found.lower_bound * np.sqrt(n) == pytest.approx(ring, rel=2e-4)
-        assert found.lower_bound * np.sqrt(n) <= ring
-        assert found.gap < (7e-4 if n == 4 else 2e-4)
+        certificate = certify(objective, region, regular_polygon(n, 0.15))
+        assert certificate.lower_bound * np.sqrt(n) == pytest.approx(ring, rel=2e-4)
+        assert certificate.lower_bound * np.sqrt(n) <= ring
+        assert certificate.gap < (7e-4 if n == 4 else 2e-4)
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
@@ -90,7 +90,7 @@ def test_sensitivity_is_the_derivative_and_bounds_every_measure(criterion, aggre
     sensitivity = measure.sensitivity(fields.information(moments), 0.0)
     slopes = np.sum(x @ fields.polynomial(sensitivity) * y, axis=1)
     step = 1e-5 * np.eye(len(places))
-    differences = [(worth(weights + each) - worth(weights - each)) / 2e-5 for each in step]
+    differences = [(worth(weights + item) - worth(weights - item)) / 2e-5 for item in step]
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-6 * slopes.max())
     assert weights @ slopes == pytest.approx(worth(weights))
     for softness in (0.0, 0.03):
@@ -251,11 +251,11 @@ def test_reasons_for_no_bound(criterion):
         (SurvivalObjective(pose, 1), points, "not a convex function"),
         (pose, high, "hide each other"),
     ]
-    for objective, layout, words in cases:
-        found = certify(objective, region, layout)
-        assert words in found.sentence
-        assert found.lower_bound == 0
-        assert found.gap == 1
+    for objective, layout, phrase in cases:
+        certificate = certify(objective, region, layout)
+        assert phrase in certificate.sentence
+        assert certificate.lower_bound == 0
+        assert certificate.gap == 1
 
 
 def test_a_design_says_how_much_better_another_layout_can_be():
@@ -268,8 +268,8 @@ def test_a_design_says_how_much_better_another_layout_can_be():
 def test_a_gap_that_the_dots_keep_is_said_with_the_bound(monkeypatch):
     monkeypatch.setattr(certificate, "ROUNDS", 2)
     poses = "cone:distance=0.6..1.2,tilt=0..60,count=12"
-    found = design(Spec(n=6, dot=0.02, gap=0.02, boundary=Circle(0.1), poses=poses, restarts=1))
-    assert "no 6 dots in this room, 20 mm" in found.certificate.sentence
+    actual = design(Spec(n=6, dot=0.02, gap=0.02, boundary=Circle(0.1), poses=poses, restarts=1))
+    assert "no 6 dots in this room, 20 mm" in actual.certificate.sentence
 
 
 def body_of_plates(count):

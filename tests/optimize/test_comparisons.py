@@ -15,8 +15,8 @@ DISK = FeasibleRegion(Circle(0.15), 0.02, 0.002)
 
 
 def test_in_a_disk_polygons_reach_the_inset_rim_upright(setting):
-    for given in (None, setting):
-        layouts = comparison_layouts(DISK, 5, setting=given)
+    for stated in (None, setting):
+        layouts = comparison_layouts(DISK, 5, setting=stated)
         assert list(layouts) == ["ngon", "square", "random"]
         np.testing.assert_array_equal(layouts["ngon"][0], regular_polygon(5, 0.15 - 0.012))
         np.testing.assert_array_equal(layouts["square"][0], regular_polygon(4, 0.15 - 0.012))
@@ -27,13 +27,13 @@ def test_a_polygon_is_turned_where_that_matters(setting):
     poses = named_poses("cone:distance=0.8..1.2,tilt=40..70,azimuth=-15..15,count=40")
     sided = Setting(Circle(0.15), setting.camera, poses.seen_whole(Circle(0.15), setting.camera))
     objective = OBJECTIVES["pose"](sided)
-    found = comparison_layouts(DISK, 4, setting=sided)["ngon"]
+    result = comparison_layouts(DISK, 4, setting=sided)["ngon"]
     angles = np.deg2rad(np.arange(0, 90, 2))
     turns = np.stack([np.cos(angles), -np.sin(angles), np.sin(angles), np.cos(angles)], axis=-1).reshape(-1, 2, 2)
     every = objective(regular_polygon(4, 0.138) @ turns)
     assert np.ptp(every) > 0.02 * every.min()
     # Turns are tried in steps of 90/24 degrees, about a minimum.
-    assert objective(found)[0] <= every.min() * 1.002
+    assert objective(result)[0] <= every.min() * 1.002
 
 
 @pytest.mark.parametrize("n", [5, pytest.param(4, marks=pytest.mark.long)])

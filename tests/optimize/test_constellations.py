@@ -28,8 +28,8 @@ def setting(count=12, sight=None):
 
 def sight(n=6, count=12):
     rng = np.random.default_rng(0)
-    known = rng.normal(size=(count, 6, 6))
-    return Sight(rng.random((count, n)) < 0.6, 1e6 * known @ known.swapaxes(-1, -2))
+    reference = rng.normal(size=(count, 6, 6))
+    return Sight(rng.random((count, n)) < 0.6, 1e6 * reference @ reference.swapaxes(-1, -2))
 
 
 def test_gradients_of_dots_partly_in_view_agree_with_differences():
@@ -46,9 +46,9 @@ def test_dots_out_of_view_add_nothing_wherever_they_are():
     points = np.random.default_rng(1).uniform(-0.25, 0.25, (6, 2))
     covered = OBJECTIVES["pose"](setting(sight=mine)).covariance(points[None])[0]
     for pose in range(12):
-        own = here.poses.taken(np.array([pose]), 0)
-        some = points[mine.seen[pose]]
-        alone = OBJECTIVES["pose"](Setting(here.boundary, here.camera, own, here.noise)).information(some[None])[0]
+        ours = here.poses.taken(np.array([pose]), 0)
+        subset = points[mine.seen[pose]]
+        alone = OBJECTIVES["pose"](Setting(here.boundary, here.camera, ours, here.noise)).information(subset[None])[0]
         np.testing.assert_allclose(np.linalg.inv(covered[pose]), alone[0, 0] + mine.known[pose], rtol=1e-6, atol=1.0)
 
 
@@ -57,8 +57,8 @@ def test_several_scales_are_for_open_sizes_and_wide_ranges():
     assert needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE), wide)
     assert not needs_scales(Spec(n=0, boundary=Circle(0.5), poses=WIDE, dot=0.1), wide)
     assert not needs_scales(Spec(n=0, boundary=Circle(0.05), poses=WIDE), wide)
-    near = "cone:distance=0.3..1m"
-    assert not needs_scales(Spec(n=0, boundary=Circle(0.5), poses=near), named_poses(near))
+    nearby = "cone:distance=0.3..1m"
+    assert not needs_scales(Spec(n=0, boundary=Circle(0.5), poses=nearby), named_poses(nearby))
 
 
 def test_forecasts_of_scales_serve_all_poses_and_fit():
@@ -78,8 +78,8 @@ def test_with_little_room_scales_have_fewer_dots_and_are_found_although_jammed()
     scale = constellations._forecasts(spec, named_poses(spec.poses), 2)[0]
     assert constellations.FEWEST_DOTS <= scale.spec.n < constellations.DOTS
     setting = replace(scale.setting, poses=scale.poses.taken(np.arange(0, len(scale.poses), 20), 0))
-    found = search(OBJECTIVES["pose"](setting), scale.region, scale.spec.n, np.random.default_rng(0), restarts=1)
-    assert scale.region.holds(found.points[None])[0]
+    optimum = search(OBJECTIVES["pose"](setting), scale.region, scale.spec.n, np.random.default_rng(0), restarts=1)
+    assert scale.region.holds(optimum.points[None])[0]
 
 
 def test_figures_are_compared_up_to_affine_maps():
@@ -93,17 +93,17 @@ def test_figures_are_compared_up_to_affine_maps():
 
 @pytest.mark.long
 def test_a_pad_serves_its_range():
-    found = design(n="auto", radius="0.5m", poses=WIDE)
-    marker = found.marker
-    assert not found.warnings
-    assert found.covered.served.all()
-    counts = [len(scale) for scale in found.covered.scales]
+    actual = design(n="auto", radius="0.5m", poses=WIDE)
+    marker = actual.marker
+    assert not actual.warnings
+    assert actual.covered.served.all()
+    counts = [len(scale) for scale in actual.covered.scales]
     assert len(counts) >= 2
     assert len(set(counts)) == len(counts)
     assert sum(point.feature.kind == "ring" for point in marker.control_points) == len(counts)
-    dense = coverage(marker, found.spec.camera, named_poses(f"{WIDE},count=4000,seed=5"))
+    dense = coverage(marker, actual.spec.camera, named_poses(f"{WIDE},count=4000,seed=5"))
     assert dense.served.all()
-    assert "mm" in str(found)
+    assert "mm" in str(actual)
     with pytest.raises(InputError, match="to trace"):
         design(n="auto", radius="0.5m", poses=WIDE, trace="way.svg")
 

@@ -66,12 +66,12 @@ def test_contacts_hold_the_region_while_dots_stay_in_reach(rooms):
     inset, reach = 0.01, 0.015
     for room in rooms.values():
         points = room.project(inside(room, 12), inset)
-        near = contacts(walls_of(room), points, inset, inset + np.sqrt(2) * reach, -1.0)
+        nearby = contacts(walls_of(room), points, inset, inset + np.sqrt(2) * reach, -1.0)
         forbidden = total = 0
         for _ in range(100):
             moved = points + rng.uniform(-reach, reach, points.shape)
             least = np.full(len(points), np.inf)
-            np.minimum.at(least, near.dot, near.room(moved))
+            np.minimum.at(least, nearby.dot, nearby.room(moved))
             deep = room.depth(moved) >= inset
             # What the constraints allow is in the region.
             assert np.all(deep[least >= inset])
@@ -86,23 +86,23 @@ def test_contacts_list_the_dots_that_can_meet(rooms):
     spacing, reach = 0.02, 0.015
     room = rooms["star"]
     points = inside(room, 12)
-    near = contacts(walls_of(room), points, 0.0, 0.0, spacing + 2 * np.sqrt(2) * reach)
+    nearby = contacts(walls_of(room), points, 0.0, 0.0, spacing + 2 * np.sqrt(2) * reach)
     first, second = np.triu_indices(len(points), 1)
-    assert 0 < len(near.first) < len(first)
+    assert 0 < len(nearby.first) < len(first)
     for _ in range(100):
         moved = points + rng.uniform(-reach, reach, points.shape)
         gaps = np.linalg.norm(moved[first] - moved[second], axis=-1)
-        assert np.sum(np.linalg.norm(near.apart(moved), axis=-1) < spacing) == np.sum(gaps < spacing)
+        assert np.sum(np.linalg.norm(nearby.apart(moved), axis=-1) < spacing) == np.sum(gaps < spacing)
 
 
 def test_jacobians_have_one_row_for_each_contact(rooms):
     room = rooms["L"]
     points = room.project(inside(room, 6), 0.01)
-    near = contacts(walls_of(room), points, 0.01, 0.05, 0.1)
-    shift = np.random.default_rng(0).normal(size=points.shape)
+    nearby = contacts(walls_of(room), points, 0.01, 0.05, 0.1)
+    offset = np.random.default_rng(0).normal(size=points.shape)
     step = 1e-7
-    change = (near.room(points + step * shift) - near.room(points - step * shift)) / (2 * step)
-    np.testing.assert_allclose(np.sum(near.room_jacobian(points) * shift, axis=(1, 2)), change, atol=1e-5)
-    apart = near.apart(points)
-    change = np.sum(apart * (near.apart(points + shift) - apart), axis=-1)
-    np.testing.assert_allclose(np.sum(near.apart_jacobian(points, apart) * shift, axis=(1, 2)), change, atol=1e-12)
+    change = (nearby.room(points + step * offset) - nearby.room(points - step * offset)) / (2 * step)
+    np.testing.assert_allclose(np.sum(nearby.room_jacobian(points) * offset, axis=(1, 2)), change, atol=1e-5)
+    apart = nearby.apart(points)
+    change = np.sum(apart * (nearby.apart(points + offset) - apart), axis=-1)
+    np.testing.assert_allclose(np.sum(nearby.apart_jacobian(points, apart) * offset, axis=(1, 2)), change, atol=1e-12)

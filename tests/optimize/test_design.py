@@ -67,15 +67,15 @@ def test_dots_are_capped_by_the_room_and_the_cap_is_told(setting):
 
 
 @pytest.mark.parametrize(
-    ("spec", "words"),
+    ("spec", "phrase"),
     [
         (Spec(n=12, dot=0.08), "of which 8 fit"),
         (Spec(n=4, dot=0.2), "of which 1 fit"),
         (Spec(n=4, dot=0.4), "of which 0 fit"),
     ],
 )
-def test_dots_that_cannot_fit_say_how_many_do(setting, spec, words):
-    with pytest.raises(InputError, match=words):
+def test_dots_that_cannot_fit_say_how_many_do(setting, spec, phrase):
+    with pytest.raises(InputError, match=phrase):
         choose_dots(spec, setting.poses)
 
 
@@ -96,8 +96,8 @@ def test_poses_that_see_only_a_part_are_counted():
 def test_turning_upright_costs_nothing_and_numbers_run_round(setting):
     objective, region = OBJECTIVES["pose"](setting), FeasibleRegion(Circle(0.15))
     angle = 0.4
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    points = numbered(upright(regular_polygon(5, 0.15) @ turn.T, objective, region))
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points = numbered(upright(regular_polygon(5, 0.15) @ rotation.T, objective, region))
     np.testing.assert_allclose(points, regular_polygon(5, 0.15), atol=1e-9)
 
 
@@ -200,12 +200,12 @@ def test_every_member_is_as_if_designed_by_itself():
     spec = replace(SPEC, n=4, poses=FEW)
     marker = design(spec).marker
     three = members(marker, spec, (3, 7, 12))
-    assert [each.tag.id for each in three] == [3, 7, 12]
-    assert all(each.control_points == marker.control_points for each in three)
+    assert [item.tag.id for item in three] == [3, 7, 12]
+    assert all(item.control_points == marker.control_points for item in three)
     assert three[1] == marker
     alone = design(replace(spec, tag="aruco:DICT_4X4_50:12")).marker
     assert to_json(three[2]) == to_json(alone)
-    assert len({each.spec_hash for each in three}) == 3
+    assert len({item.spec_hash for item in three}) == 3
     assert from_json(to_json(three[0]).decode()) == three[0]
 
 

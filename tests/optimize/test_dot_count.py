@@ -47,11 +47,11 @@ def test_forecasts_are_feasible_and_their_values_those_of_the_objective(known, f
     assert list(known) == list(range(4, max(known) + 1))
     assert max(known) > 60
     for n in (5, 20, max(known)):
-        each = known[n]
-        assert each.n == n
-        region = FeasibleRegion(DISK, each.diameter, each.diameter / 10, each.gap)
-        assert region.holds(each.points[None])[0]
-        assert each.value == pytest.approx(print_limited(each.points, forecaster, each.diameter), rel=1e-6)
+        item = known[n]
+        assert item.n == n
+        region = FeasibleRegion(DISK, item.diameter, item.diameter / 10, item.gap)
+        assert region.holds(item.points[None])[0]
+        assert item.value == pytest.approx(print_limited(item.points, forecaster, item.diameter), rel=1e-6)
 
 
 def test_more_dots_err_less_and_few_nearly_as_little_as_the_best_known(known, forecaster):
@@ -110,14 +110,14 @@ def test_the_fewest_dots_near_the_least_error_are_chosen_in_a_small_room():
     spec = Spec(n=AUTO, boundary=Circle(0.03), poses=NEAR, dot=0.01)
     choice = choose_count(spec)
     poses = poses_from(NEAR).seen_whole(spec.boundary, spec.camera)
-    known = Forecaster(spec, poses, ErrorSources()).by_count()
+    reference = Forecaster(spec, poses, ErrorSources()).by_count()
     assert choice.spec.dot == 0.01
     assert choice.spec.gap > 0
     assert choice.spec.print_sigma == 1e-4
-    assert 4 <= choice.spec.n <= max(known)
+    assert 4 <= choice.spec.n <= max(reference)
     assert "good to 0.1 mm" in choice.reason
     assert "5 % of the least" in choice.reason
-    assert 4 < max(known) <= 12
+    assert 4 < max(reference) <= 12
 
 
 def test_more_dots_are_promised_with_their_error_or_not_at_all(setting):

@@ -60,13 +60,13 @@ def test_no_diameter_of_a_scan_promises_less(few, best):
     assert polygon_error(few, size.diameter) <= min(scan) * 1.0001
     assert size.diameter == round(size.diameter, 4)
     assert size.clearance == pytest.approx(size.diameter / 10)
-    told = re.fullmatch(
+    output = re.fullmatch(
         r"([\d.]+) mm, with the least predicted error of ([\d.]+) mm for image noise alone: larger ones are .*",
         size.reason,
     )
-    assert float(told[1]) == pytest.approx(1e3 * size.diameter)
+    assert float(output[1]) == pytest.approx(1e3 * size.diameter)
     # Three digits are told, and the pentagon is not quite the best for so few poses.
-    assert float(told[2]) == pytest.approx(1e3 * polygon_error(few, size.diameter), rel=0.01)
+    assert float(output[2]) == pytest.approx(1e3 * polygon_error(few, size.diameter), rel=0.01)
     assert choose_dots(Spec(dot="auto"), few) == size
 
 
@@ -87,14 +87,16 @@ def test_the_total_of_image_and_print_is_least(few, best):
     total = {sigma: budget_of(few, size.diameter) for sigma, size in sizes.items()}
     assert total[1e-4] <= budget_of(few, 0.036)
     assert total[0.0] > 1.3 * budget_of(few, 0.036)
-    told = re.fullmatch(
+    output = re.fullmatch(
         r"a print error of 0\.1 mm would outweigh what dots of this size gain \(([\d.]+) mm instead of ([\d.]+) mm for "
         r"([\d.]+) mm\): use --print-sigma 0\.1mm",
         sizes[0.0].warning,
     )
     # Three digits are told; the layout is the pentagon but for 1 %.
-    assert float(told[1]) == pytest.approx(1e3 * polygon_error(few, sizes[0.0].diameter, print_sigma=1e-4), rel=0.015)
-    assert float(told[2]) == pytest.approx(1e3 * polygon_error(few, float(told[3]) / 1e3, print_sigma=1e-4), rel=0.015)
+    assert float(output[1]) == pytest.approx(1e3 * polygon_error(few, sizes[0.0].diameter, print_sigma=1e-4), rel=0.015)
+    assert float(output[2]) == pytest.approx(
+        1e3 * polygon_error(few, float(output[3]) / 1e3, print_sigma=1e-4), rel=0.015
+    )
     assert not sizes[1e-4].warning
 
 
@@ -124,11 +126,11 @@ def test_an_auto_design_is_a_marker_like_any_other():
 
 
 def test_a_design_is_for_the_print_error_it_was_asked_for():
-    found = design(Spec(n=4, noise_model="image", print_sigma=1e-4, restarts=1))
-    assert found.setting.noise == DotNoise(found.dots.diameter, print_sigma=1e-4)
-    assert found.marker.provenance["spec"]["print_sigma"] == 1e-4
-    assert found.marker.provenance["noise"].endswith(sentence("print error", "0.1 mm"))
-    assert not found.warnings
+    actual = design(Spec(n=4, noise_model="image", print_sigma=1e-4, restarts=1))
+    assert actual.setting.noise == DotNoise(actual.dots.diameter, print_sigma=1e-4)
+    assert actual.marker.provenance["spec"]["print_sigma"] == 1e-4
+    assert actual.marker.provenance["noise"].endswith(sentence("print error", "0.1 mm"))
+    assert not actual.warnings
 
 
 def test_the_homography_wants_smaller_dots_farther_out(few):
@@ -145,12 +147,12 @@ def test_dots_are_never_too_small_to_be_detected():
     # A coarse camera, for which the best dots of a small marker would be a few pixels.
     coarse = Camera(320, 240, 400.0, 400.0, 160.0, 120.0)
     spec = Spec(dot="auto", n=4, boundary=Circle(0.06), camera=coarse, restarts=1)
-    found = design(spec)
-    least = smallest_detectable(coarse, found.setting.poses)
-    assert found.dots.diameter == least
-    assert pixels_across(least, coarse, found.setting.poses) == pytest.approx(4.0, rel=0.01)
-    assert "4 px wide and 6 px long in 94 %" in found.dots.reason
-    assert not found.warnings
+    actual = design(spec)
+    least = smallest_detectable(coarse, actual.setting.poses)
+    assert actual.dots.diameter == least
+    assert pixels_across(least, coarse, actual.setting.poses) == pytest.approx(4.0, rel=0.01)
+    assert "4 px wide and 6 px long in 94 %" in actual.dots.reason
+    assert not actual.warnings
 
 
 def test_room_may_leave_less_than_detection_needs(few):
@@ -186,11 +188,11 @@ def test_dots_that_run_together_in_images_are_told_with_the_gap_that_serves():
     camera, diameter = Camera(640, 480, 800, 800, 320, 240), 0.01
     for gap in (0.0012, 0.0018):  # 0.96 and 1.44 px
         points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-        said = crowded(points, diameter, camera, poses)
-        assert bool(said) == (800 * gap < BLOT_PX)
-        if said:
-            assert "100%" in said[0]
-            assert "--gap 1.5mm" in said[0]  # 1.2 px
+        message = crowded(points, diameter, camera, poses)
+        assert bool(message) == (800 * gap < BLOT_PX)
+        if message:
+            assert "100%" in message[0]
+            assert "--gap 1.5mm" in message[0]  # 1.2 px
     assert crowded(points, 0.0, camera, poses) == []
 
 
@@ -212,9 +214,9 @@ def test_a_blur_fills_gaps_between_dots():
     camera, diameter, gap = Camera(640, 480, 800, 800, 320, 240), 0.02, 0.003
     points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
     assert crowded(points, diameter, camera, poses) == []
-    [said] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
-    assert "3 px apart in 100%" in said
-    assert "--gap 3.8mm" in said
+    [message] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
+    assert "3 px apart in 100%" in message
+    assert "--gap 3.8mm" in message
 
 
 def test_images_of_dots_that_keep_the_gap_stay_apart_wherever_they_are(setting):
@@ -241,14 +243,14 @@ def test_a_gap_that_no_dots_of_the_best_layout_need_is_none(monkeypatch):
 @pytest.mark.parametrize("boundary", [Circle(0.08), pytest.param(PLATE, marks=pytest.mark.long)], ids=["disk", "plate"])
 def test_a_design_of_which_nothing_else_is_said_keeps_images_of_dots_apart(boundary):
     spec = Spec(n=12, boundary=boundary, poses="cone:distance=0.8..1.2,tilt=0..60,count=6", restarts=1)
-    found = design(spec)
-    assert found.spec.gap > 0
-    assert not [said for said in found.warnings if "apart" in said]
-    assert f"{found.spec.gap * 1e3:g} mm or more" in found.summary
-    again = design(found.spec)
-    assert again.marker.control_points == found.marker.control_points
-    assert (found.gap.reason, again.gap.reason) == ("images", "asked")
+    actual = design(spec)
+    assert actual.spec.gap > 0
+    assert not [message for message in actual.warnings if "apart" in message]
+    assert f"{actual.spec.gap * 1e3:g} mm or more" in actual.summary
+    again = design(actual.spec)
+    assert again.marker.control_points == actual.marker.control_points
+    assert (actual.gap.reason, again.gap.reason) == ("images", "asked")
     # What is asked for is done, with a warning.
     asked = design(replace(spec, dot=choose_dots(spec, poses_from(spec.poses)).diameter))
     assert asked.spec.gap == 0
-    assert any("use --gap" in said for said in asked.warnings)
+    assert any("use --gap" in message for message in asked.warnings)

@@ -31,11 +31,11 @@ def test_fewer_poses_are_spread_over_all(setting):
 def test_places_are_in_the_region_and_hold_its_corners(rooms):
     for room in rooms.values():
         region = FeasibleRegion(room, 0.02, 0.002)
-        found = places(region, 8)
-        assert 100 < len(found) < 700
-        assert room.depth(found).min() >= region.inset - 1e-10
+        results = places(region, 8)
+        assert 100 < len(results) < 700
+        assert room.depth(results).min() >= region.inset - 1e-10
         # Some are as deep as the middle of the widest part, about.
-        assert room.depth(found).max() > 0.7 * room.depth(room.sample(2000, 0.0, np.random.default_rng(0))).max()
+        assert room.depth(results).max() > 0.7 * room.depth(room.sample(2000, 0.0, np.random.default_rng(0))).max()
     # The corner of the inset rectangle, 100 mm x 50 mm from the middle.
     corner = np.array([0.1, 0.05]) - region_inset(shape := rooms["rectangle"])
     rim = edge(FeasibleRegion(shape, 0.02, 0.002), 50)

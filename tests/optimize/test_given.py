@@ -59,7 +59,7 @@ def test_dots_are_the_largest_that_fit(points: list[tuple[float, float]]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "phrase"),
     [
         ({"points": "0mm,0mm; 1mm,0mm; 0mm,90mm; 90mm,0mm"}, "dots 0 and 1 are 38.6 mm too near"),
         ({"points": SQUARE.replace("; 100mm,0mm", "; 149mm,0mm"), "dot": "36mm"}, "dot 3 is .* edge of the room"),
@@ -73,9 +73,9 @@ def test_dots_are_the_largest_that_fit(points: list[tuple[float, float]]) -> Non
         ({"points": "absent.csv"}, "absent.csv"),
     ],
 )
-def test_points_that_cannot_be_used_are_refused(options: dict[str, object], words: str) -> None:
+def test_points_that_cannot_be_used_are_refused(options: dict[str, object], phrase: str) -> None:
     dot = {} if "dot" in options else {"dot": "36mm"}
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=phrase):
         mg.design(**{**options, **dot})  # type: ignore[arg-type]
 
 

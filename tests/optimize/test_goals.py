@@ -17,35 +17,35 @@ def spec(objective, **more):
     return Spec(n=5, poses=VOLUME, dot=0.01, restarts=1, objective=objective, **more)
 
 
-def ratio(found, key):
-    return found.criteria["design"][key] / found.criteria["ngon"][key]
+def ratio(result, key):
+    return result.criteria["design"][key] / result.criteria["ngon"][key]
 
 
 def test_a_bound_is_kept_and_the_rest_is_better_than_the_polygon():
-    found = design(spec("pose, rotation <= 1.05 ngon"))
-    assert ratio(found, "rotation_deg") <= 1.05 * (1 + 1e-3)
-    assert ratio(found, "pose_m") <= 0.95
+    actual = design(spec("pose, rotation <= 1.05 ngon"))
+    assert ratio(actual, "rotation_deg") <= 1.05 * (1 + 1e-3)
+    assert ratio(actual, "pose_m") <= 0.95
     # The bound is what keeps the displacement from being as small as without it.
-    assert ratio(found, "rotation_deg") == pytest.approx(1.05, rel=1e-3)
-    assert found.value == pytest.approx(found.criteria["design"]["pose_m"], rel=1e-3)
-    assert found.marker.provenance["spec"]["objective"] == "pose, rotation <= 1.05 ngon"
+    assert ratio(actual, "rotation_deg") == pytest.approx(1.05, rel=1e-3)
+    assert actual.value == pytest.approx(actual.criteria["design"]["pose_m"], rel=1e-3)
+    assert actual.marker.provenance["spec"]["objective"] == "pose, rotation <= 1.05 ngon"
 
 
 @pytest.mark.long
 def test_the_lower_bound_of_the_criterion_alone_holds_with_bounds(monkeypatch):
     monkeypatch.setattr(certificate, "ROUNDS", 60)
-    found = design(spec("pose, rotation <= 1.05 ngon"))
+    actual = design(spec("pose, rotation <= 1.05 ngon"))
     alone = design(spec("pose"))
-    assert found.certificate.lower_bound <= alone.value < found.value
-    assert found.certificate.lower_bound == pytest.approx(alone.value, rel=0.01)
+    assert actual.certificate.lower_bound <= alone.value < actual.value
+    assert actual.certificate.lower_bound == pytest.approx(alone.value, rel=0.01)
 
 
 def test_weights_weigh_criteria_relative_to_the_polygon():
-    found = design(spec("pose + 0.5 rotation"))
-    assert found.value == pytest.approx(ratio(found, "pose_m") + 0.5 * ratio(found, "rotation_deg"), rel=1e-6)
-    assert found.value <= 1.5 * (1 + 1e-9)
-    assert "weighted sum" in found.certificate.sentence
-    assert to_json(design(spec("pose+0.5  rotation")).marker) == to_json(found.marker)
+    actual = design(spec("pose + 0.5 rotation"))
+    assert actual.value == pytest.approx(ratio(actual, "pose_m") + 0.5 * ratio(actual, "rotation_deg"), rel=1e-6)
+    assert actual.value <= 1.5 * (1 + 1e-9)
+    assert "weighted sum" in actual.certificate.sentence
+    assert to_json(design(spec("pose+0.5  rotation")).marker) == to_json(actual.marker)
 
 
 def test_a_bound_that_cannot_be_kept_is_refused():
@@ -54,8 +54,8 @@ def test_a_bound_that_cannot_be_kept_is_refused():
 
 
 def test_a_weak_criterion_names_the_bound():
-    found = design(spec("pose"))
-    assert any("or --objective 'pose, rotation <= ngon'" in each for each in found.warnings)
+    actual = design(spec("pose"))
+    assert any("or --objective 'pose, rotation <= ngon'" in warning for warning in actual.warnings)
 
 
 @pytest.mark.parametrize(
@@ -70,15 +70,15 @@ def test_malformed_text_is_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("pose, speed <= ngon", "speed"),
         ("pose, rotation <= 2 mm", "expected a bound on rotation in deg"),
         ("pose + homography", "expected an objective for points in space"),
     ],
 )
-def test_what_the_criteria_do_not_support_is_refused(text, words):
-    with pytest.raises(InputError, match=words):
+def test_what_the_criteria_do_not_support_is_refused(text, phrase):
+    with pytest.raises(InputError, match=phrase):
         design(Spec(objective=text, relief=0.02 if "homography" in text else 0.0))
 
 
@@ -88,5 +88,5 @@ def test_equal_goals_are_equal_specs_and_plain_ones_are_as_given():
     assert str(parse_goal("2 pose")) == "pose"
     assert str(parse_goal("pose; rotation < 1 deg")) == "pose, rotation <= 1 deg"
     limits = parse_goal("pose, translation <= 1%, rotation <= 1 ngon").limits
-    assert [str(each) for each in limits] == ["translation <= 1 %", "rotation <= ngon"]
-    assert np.all([each.most == 1 for each in limits])
+    assert [str(limit) for limit in limits] == ["translation <= 1 %", "rotation <= ngon"]
+    assert np.all([limit.most == 1 for limit in limits])

@@ -32,8 +32,8 @@ def least_of_all(points):
     scene = seen_layout(points, np.zeros(n, dtype=np.intp), PAPER_CAMERA, POSES)
     labelings = np.array(list(permutations(range(n))))[1:]
     poses = np.arange(len(POSES))
-    found = scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(poses, len(labelings)))
-    return found.px.min()
+    result = scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(poses, len(labelings)))
+    return result.px.min()
 
 
 @pytest.mark.parametrize("camera", [PAPER_CAMERA, FISHY])
@@ -56,15 +56,15 @@ def test_the_gradient_is_the_derivative_of_the_safety(camera):
 def test_a_safe_pentagon_costs_little():
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
     region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
-    found = asymmetric_search(objective, region, 5, np.random.default_rng(0), 2.0, restarts=1)
-    assert found.reached
-    assert least_of_all(found.points) >= 2.0 * (1 - 1e-6)
-    assert least_of_all(found.free.points) < 2.0
-    assert region.holds(found.points[None])[0]
-    assert found.value == pytest.approx(objective(found.points[None])[0])
-    assert -1e-9 < found.cost < 0.1
-    assert "without a key ring" in found.sentence
-    assert found.or_refuse() is found
+    result = asymmetric_search(objective, region, 5, np.random.default_rng(0), 2.0, restarts=1)
+    assert result.reached
+    assert least_of_all(result.points) >= 2.0 * (1 - 1e-6)
+    assert least_of_all(result.free.points) < 2.0
+    assert region.holds(result.points[None])[0]
+    assert result.value == pytest.approx(objective(result.points[None])[0])
+    assert -1e-9 < result.cost < 0.1
+    assert "without a key ring" in result.sentence
+    assert result.or_refuse() is result
 
 
 @pytest.mark.long
@@ -72,12 +72,12 @@ def test_what_cannot_be_reached_is_told(monkeypatch):
     monkeypatch.setattr(keyless, "ROUNDS", 2)
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
     region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
-    found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 500.0, restarts=1)
-    assert not found.reached
-    assert found.safety.least > 1
-    assert "the 500 px demanded" in found.sentence
+    result = asymmetric_search(objective, region, 4, np.random.default_rng(0), 500.0, restarts=1)
+    assert not result.reached
+    assert result.safety.least > 1
+    assert "the 500 px demanded" in result.sentence
     with pytest.raises(InputError, match=r"safer than [\d.]+ px; use --asymmetric [\d.]+") as refusal:
-        found.or_refuse()
+        result.or_refuse()
     assert "\n" not in str(refusal.value)
 
 
@@ -93,7 +93,7 @@ def test_a_boundary_with_corners():
     square = Polygon((((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1)),))
     objective = OBJECTIVES["pose"](Setting(square, PAPER_CAMERA, POSES))
     region = FeasibleRegion(square, 0.02, 0.002)
-    found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 2.0, restarts=1)
-    assert found.reached
-    assert region.holds(found.points[None])[0]
-    assert least_of_all(found.points) >= 2.0 * (1 - 1e-6)
+    result = asymmetric_search(objective, region, 4, np.random.default_rng(0), 2.0, restarts=1)
+    assert result.reached
+    assert region.holds(result.points[None])[0]
+    assert least_of_all(result.points) >= 2.0 * (1 - 1e-6)

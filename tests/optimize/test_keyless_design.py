@@ -25,19 +25,19 @@ def few_starts(monkeypatch):
 
 
 def test_the_layout_tells_the_labels():
-    found = design(SPEC, traced=True)
-    marker = from_json(to_json(found.marker).decode())
+    actual = design(SPEC, traced=True)
+    marker = from_json(to_json(actual.marker).decode())
     assert {point.feature.kind for point in marker.control_points} == {"dot"}
     # Rounding to a tenth of a nanometer is far less than the search asks for on top.
-    assert label_safety(marker, found.setting).least >= 2.0
-    assert found.labels.least >= 2.0
-    assert "the layout, safety >= 2 px" in found.summary
-    assert found.labels.sentence in found.summary
-    assert marker.provenance["labels"] == found.labels.sentence
-    assert "ring" not in found.summary + to_json(marker).decode()
-    stages = [step.stage for step in found.trace]
+    assert label_safety(marker, actual.setting).least >= 2.0
+    assert actual.labels.least >= 2.0
+    assert "the layout, safety >= 2 px" in actual.summary
+    assert actual.labels.sentence in actual.summary
+    assert marker.provenance["labels"] == actual.labels.sentence
+    assert "ring" not in actual.summary + to_json(marker).decode()
+    stages = [step.stage for step in actual.trace]
     assert "asymmetric" in stages
-    assert found.trace[-1].objective == pytest.approx(found.criteria["design"]["pose_m"])
+    assert actual.trace[-1].objective == pytest.approx(actual.criteria["design"]["pose_m"])
 
 
 def test_undecided_labels_are_warned_about_but_where_a_tag_has_them():
@@ -69,7 +69,7 @@ def test_a_turn_that_is_not_allowed_is_not_made(criterion, rooms):
     from markergen.optimize.problem import FeasibleRegion
 
     disk = Circle(0.15)
-    turn = np.array([[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]])
-    points, region = regular_polygon(5, 0.15) @ turn.T, FeasibleRegion(disk)
+    rotation = np.array([[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]])
+    points, region = regular_polygon(5, 0.15) @ rotation.T, FeasibleRegion(disk)
     assert upright(points, criterion(disk), region, lambda _: False) is points
     assert upright(points, criterion(disk), region, lambda _: True) is not points

@@ -19,24 +19,24 @@ BARE = FeasibleRegion(Circle(0.15))
 @pytest.mark.parametrize(("n", "seed"), [(4, 0), (5, 1), (8, 0)])
 def test_pose_finds_the_regular_polygon(setting, n, seed):
     objective = OBJECTIVES["pose"](setting)
-    found = search(objective, BARE, n, np.random.default_rng(seed))
-    assert found.value <= objective(regular_polygon(n, 0.15)[None])[0] * 1.001
-    assert BARE.holds(found.points[None])[0]
+    optimum = search(objective, BARE, n, np.random.default_rng(seed))
+    assert optimum.value <= objective(regular_polygon(n, 0.15)[None])[0] * 1.001
+    assert BARE.holds(optimum.points[None])[0]
 
 
 @pytest.mark.parametrize(("n", "best"), [(4, 3.7315), (5, 3.0232), (6, 2.7680)])
 @pytest.mark.long
 def test_condition_finds_the_best_known(setting, n, best):
-    found = search(OBJECTIVES["condition"](setting), BARE, n, np.random.default_rng(3))
-    assert found.value <= best * 1.005
+    optimum = search(OBJECTIVES["condition"](setting), BARE, n, np.random.default_rng(3))
+    assert optimum.value <= best * 1.005
     # And not below it either: that would be a new best, and the reference has to be looked at.
-    assert found.value >= best * 0.999
+    assert optimum.value >= best * 0.999
 
 
 def test_homography_beats_the_regular_polygon(criterion):
     objective = criterion(Circle(0.15), "homography")
-    found = search(objective, BARE, 5, np.random.default_rng(0))
-    assert found.value <= objective(regular_polygon(5, 0.15)[None])[0] * 1.0001
+    optimum = search(objective, BARE, 5, np.random.default_rng(0))
+    assert optimum.value <= objective(regular_polygon(5, 0.15)[None])[0] * 1.0001
 
 
 def test_the_worst_pose_can_be_minimized(criterion):
@@ -106,8 +106,8 @@ def test_six_dots_bear_the_loss_of_one_as_well_as_a_hexagon(setting):
 
 def test_dots_that_nearly_fill_the_disk_still_get_a_layout(criterion):
     region = FeasibleRegion(Circle(0.15), 0.0975, 0.0)
-    found = search(criterion(Circle(0.15)), region, 7, np.random.default_rng(0), restarts=2)
-    assert region.holds(found.points[None])[0]
+    optimum = search(criterion(Circle(0.15)), region, 7, np.random.default_rng(0), restarts=2)
+    assert region.holds(optimum.points[None])[0]
 
 
 def test_progress_is_told(criterion):

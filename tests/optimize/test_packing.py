@@ -21,9 +21,9 @@ BEST = {
 
 @pytest.mark.parametrize("n", [n if n in (4, 7, 9, 12) else pytest.param(n, marks=pytest.mark.long) for n in BEST])
 def test_packings_are_the_known_best(n):
-    found = largest_diameter(Circle(1.0), n, 0.0) / 2
+    result = largest_diameter(Circle(1.0), n, 0.0) / 2
     # Never above the proved optimum; n = 9 has many local optima, and a miss costs at most 2 %.
-    assert 0.98 * BEST[n] <= found <= BEST[n] + 1e-6
+    assert 0.98 * BEST[n] <= result <= BEST[n] + 1e-6
 
 
 @pytest.mark.parametrize("n", [4, 7, 12, 30, 60])

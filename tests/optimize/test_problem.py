@@ -105,7 +105,7 @@ def test_it_agrees_with_the_region_of_the_search(rooms):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
         ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
@@ -114,6 +114,6 @@ def test_it_agrees_with_the_region_of_the_search(rooms):
         ({"objective": "beauty"}, "a known objective"),
     ],
 )
-def test_an_objective_is_refused_what_it_does_not_know(values, words):
-    with pytest.raises(InputError, match=words):
+def test_an_objective_is_refused_what_it_does_not_know(values, phrase):
+    with pytest.raises(InputError, match=phrase):
         design(Spec(**values))

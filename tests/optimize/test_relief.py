@@ -40,18 +40,18 @@ def some_layout(room, n=6, seed=0):
     ],
 )
 def test_what_relief_buys(spec, most):
-    found = design(spec)
-    assert found.criteria["design"]["rotation_deg"] <= most
-    assert found.criteria["flat"]["rotation_deg"] > 2.5
-    assert 0 < found.marker.height <= spec.relief
-    assert not hidden(found.marker, found.setting.poses).any()
-    assert len(found.setting.poses) == 400
+    actual = design(spec)
+    assert actual.criteria["design"]["rotation_deg"] <= most
+    assert actual.criteria["flat"]["rotation_deg"] > 2.5
+    assert 0 < actual.marker.height <= spec.relief
+    assert not hidden(actual.marker, actual.setting.poses).any()
+    assert len(actual.setting.poses) == 400
 
 
 def test_a_relief_goes_all_the_way():
     done: list[tuple[str, int, int]] = []
-    found = design(QUICK, lambda *step: done.append(step), traced=True)
-    marker = found.marker
+    actual = design(QUICK, lambda *step: done.append(step), traced=True)
+    marker = actual.marker
     assert to_json(marker) == to_json(design(QUICK).marker)
     read = from_json(to_json(marker).decode())
     np.testing.assert_array_equal(read.xyz, marker.xyz)
@@ -60,12 +60,12 @@ def test_a_relief_goes_all_the_way():
     assert ("relief", 0, 1) in done
     assert done[-1][1] == done[-1][2]
     # A relief has no homography and no c(A); what lies beside it does.
-    assert set(found.criteria["design"]) == {"pose_m", "rotation_deg", "translation_pct"}
-    assert {"design", "flat", "ngon", "square", "random"} == set(found.criteria)
-    assert found.criteria["design"]["pose_m"] < found.criteria["flat"]["pose_m"]
-    assert [step.stage for step in found.trace[:2]] == ["start", "relief"]
-    assert found.trace[-1].objective == pytest.approx(found.criteria["design"]["pose_m"], rel=1e-6)
-    assert np.isnan(found.trace[-1].condition)
+    assert set(actual.criteria["design"]) == {"pose_m", "rotation_deg", "translation_pct"}
+    assert {"design", "flat", "ngon", "square", "random"} == set(actual.criteria)
+    assert actual.criteria["design"]["pose_m"] < actual.criteria["flat"]["pose_m"]
+    assert [step.stage for step in actual.trace[:2]] == ["start", "relief"]
+    assert actual.trace[-1].objective == pytest.approx(actual.criteria["design"]["pose_m"], rel=1e-6)
+    assert np.isnan(actual.trace[-1].condition)
 
 
 @pytest.mark.parametrize(
@@ -78,28 +78,28 @@ def test_a_relief_goes_all_the_way():
     ],
 )
 def test_every_kind_of_spec_can_have_a_relief(spec):
-    found = design(spec)
-    assert found.marker.height > 0
-    assert not hidden(found.marker, found.setting.poses).any()
+    actual = design(spec)
+    assert actual.marker.height > 0
+    assert not hidden(actual.marker, actual.setting.poses).any()
 
 
 @pytest.mark.parametrize("name", ["L", "two squares"])
 def test_a_relief_in_any_room(name, shapes):
     shape = shapes[name]
     spec = Spec(n=5, boundary=shape, dot=0.015, relief=0.03, restarts=1, poses=ONE_SIDED)
-    found = design(spec)
-    assert breach(found.marker.xyz, shape, (), 0.015, 0.0015) <= 1e-9
-    assert found.criteria["design"]["pose_m"] <= found.criteria["flat"]["pose_m"]
-    assert found.marker.height > 0
+    actual = design(spec)
+    assert breach(actual.marker.xyz, shape, (), 0.015, 0.0015) <= 1e-9
+    assert actual.criteria["design"]["pose_m"] <= actual.criteria["flat"]["pose_m"]
+    assert actual.marker.height > 0
 
 
 def test_it_is_never_worse_than_flat(room, setting, monkeypatch):
     objective = OBJECTIVES["pose"](setting)
     monkeypatch.setattr(relief, "polish_relief", lambda objective, room, start, *_, **__: (start, np.inf))
     flat = some_layout(room)[:, :2]
-    found = search_relief(objective, room, flat, np.random.default_rng(0), 1)
-    np.testing.assert_array_equal(found.points, np.column_stack([flat, np.zeros(6)]))
-    assert found.value == pytest.approx(objective(flat[None])[0])
+    result = search_relief(objective, room, flat, np.random.default_rng(0), 1)
+    np.testing.assert_array_equal(result.points, np.column_stack([flat, np.zeros(6)]))
+    assert result.value == pytest.approx(objective(flat[None])[0])
 
 
 def test_a_polish_ends_in_sight_and_not_worse_than_lowered(room, setting):

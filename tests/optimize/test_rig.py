@@ -113,12 +113,12 @@ def test_dots_are_sized_where_a_plate_is_seen_best(search):
 
 
 def test_a_rig_with_tags():
-    found = mg.rig("pair", plate="100mm", **QUICK)
-    assert [str(each.marker.tag) for each in found.rig.markers] == ["aruco:DICT_4X4_50:3", "aruco:DICT_4X4_50:4"]
-    assert "by their tags" in str(found)
-    assert found.rig.provenance["camera"] == PAPER_CAMERA.as_dict()
-    assert rig_to_json(found.rig) == rig_to_json(mg.rig("pair", plate="100mm", **QUICK).rig)
-    assert not found.warnings
+    rig = mg.rig("pair", plate="100mm", **QUICK)
+    assert [str(marker.marker.tag) for marker in rig.rig.markers] == ["aruco:DICT_4X4_50:3", "aruco:DICT_4X4_50:4"]
+    assert "by their tags" in str(rig)
+    assert rig.rig.provenance["camera"] == PAPER_CAMERA.as_dict()
+    assert rig_to_json(rig.rig) == rig_to_json(mg.rig("pair", plate="100mm", **QUICK).rig)
+    assert not rig.warnings
 
 
 def test_a_plate_in_meters_that_were_millimeters_is_doubted():
@@ -135,8 +135,8 @@ def test_dots_too_small_beside_a_plate_in_meters_are_refused(tmp_path):
 
 @pytest.mark.long
 def test_plates_that_look_the_same_are_warned_about():
-    found = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")
-    assert found.warnings == (found.told_apart + sentence("tell apart"),)
+    rig = mg.rig("prism:3", edge="90mm", n=4, restarts=1, poses="sphere:distance=0.24..0.62,count=8")
+    assert rig.warnings == (rig.told_apart + sentence("tell apart"),)
 
 
 def test_files_are_checked_before_the_search(tmp_path):
@@ -154,16 +154,16 @@ def test_the_faces_of_a_cube_are_not_confused():
     """No face is taken for another one in 240 views of single faces, and none that is seen well is missed."""
     from markergen.render import Optics, render_view
 
-    found = mg.rig("cube", edge="80mm", n=6)
-    assert not found.warnings
-    assert found.safety > 0.3
-    markers = [each.marker for each in found.rig.markers]
+    rig = mg.rig("cube", edge="80mm", n=6)
+    assert not rig.warnings
+    assert rig.safety > 0.3
+    markers = [marker.marker for marker in rig.rig.markers]
     detector, rng = mg.Detector(markers, PAPER_CAMERA), np.random.default_rng(3)
     poses = named_poses("sphere:distance=0.24..0.62,count=1500,seed=4,sampling=random")
     for k, plate in enumerate(plate_views(rig_shape("cube", edge=0.08).faces, [0.01] * 6, poses, Spec())):
         for p in rng.choice(len(plate.index), 40, replace=False):
             rotation, translation = plate.poses.rotation[p], plate.poses.translation[p]
             frame = render_view(markers[k], PAPER_CAMERA, rotation, translation, Optics(), rng)
-            ok = {each.index for each in detector(frame) if each.ok}
+            ok = {marker.index for marker in detector(frame) if marker.ok}
             assert ok <= {k}
             assert ok or plate.poses.cos_tilt[p] < 0.5

@@ -101,17 +101,17 @@ def test_it_finds_what_descents_find_in_a_disk(criterion):
     disk = Circle(0.15)
     objective, region = criterion(disk), FeasibleRegion(disk, 0.02, 0.002)
     for n in (5, 8):
-        found = Stages(objective, objective, region, n).exchanged(np.random.default_rng(0), 3)
-        assert region.holds(found.points[None])[0]
-        assert found.value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
+        result = Stages(objective, objective, region, n).exchanged(np.random.default_rng(0), 3)
+        assert region.holds(result.points[None])[0]
+        assert result.value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
 
 
 def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(criterion, monkeypatch):
     monkeypatch.setattr(searching, "STARTS", 5)
     monkeypatch.setattr(searching, "FINE_EDGE", 60)
-    disk, shown, stages = Circle(0.15), [], []
+    disk, printed, stages = Circle(0.15), [], []
     objective, region = criterion(disk, every=5), FeasibleRegion(disk, 0.01, 0.001)
-    task = Stages(objective, objective, region, 25, lambda stage, *_: stages.append(stage), first=shown.append)
+    task = Stages(objective, objective, region, 25, lambda stage, *_: stages.append(stage), first=printed.append)
     monkeypatch.setattr(Stages, "finished", lambda *_: [])
 
     def ended(*values):
@@ -123,13 +123,13 @@ def test_exchanges_of_many_dots_in_a_disk_end_where_a_regular_layout_is_as_good(
 
     monkeypatch.setattr(Stages, "quick", lambda self, start: (start, float(self.objective(start[None])[0])))
     beside = task.from_regular(np.random.default_rng(0), 0, leading=True)
-    assert [len(points) for points in shown] == [25]
+    assert [len(points) for points in printed] == [25]
     monkeypatch.setattr(Stages, "finished", lambda self, ends, *_: ends)
     assert ended(1.0) is beside
     assert set(stages) == {"exchange"}
     assert ended(1.0, 0.9).value == 0.9
     assert stages[-1] == "polish"
-    assert len(shown) == 1
+    assert len(printed) == 1
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,8 @@ def test_where_first_order_holds_sampling_agrees_with_it(monkeypatch):
     chosen = Forecast(regular_polygon(8, 0.12), 0.03, 0.01, 0.0)
     poses = at_distance(spec_poses(), 0.6)
     setting = Setting(Circle(0.15), PAPER_CAMERA, poses)
-    found = marker_budget(chosen.points, chosen.diameter, setting, spec.image_noise, sources_of(spec))
-    first = float(np.sqrt(np.mean(found.rotation_deg["total"] ** 2)))
+    result = marker_budget(chosen.points, chosen.diameter, setting, spec.image_noise, sources_of(spec))
+    first = float(np.sqrt(np.mean(result.rotation_deg["total"] ** 2)))
     assert sampled_error(chosen, spec, target) == pytest.approx(first, rel=1e-9)
     monkeypatch.setattr("markergen.optimize.target.LARGEST_DEG", 0.0)
     # 2,560 estimates know their RMS to 1.4 %; with unequal weights LM is a little worse than the bound.
@@ -71,5 +71,5 @@ def test_a_source_alone_gives_no_more_than_all_of_them(monkeypatch):
     spec = Spec(n=AUTO, boundary=Circle(0.06), poses=NEAR, target="0.01deg@0.6m", dot=0.012)
     with pytest.raises(InputError) as error:
         settled(spec)
-    found = re.search(r"found 0\.02 deg with .* the print alone gives (0\.\d+) deg", str(error.value))
-    assert 0.015 < float(found[1]) <= 0.02
+    optimum = re.search(r"found 0\.02 deg with .* the print alone gives (0\.\d+) deg", str(error.value))
+    assert 0.015 < float(optimum[1]) <= 0.02

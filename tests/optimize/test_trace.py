@@ -55,18 +55,18 @@ def test_standing_still_and_going_in_circles_end():
 def test_steps_say_what_each_layout_is_worth(setting):
     objective = OBJECTIVES["pose"](setting, "max")
     trace = steps(objective)
-    assert [each.stage for each in trace] == ["start", "descent", "descent", "polish", "polish"]
-    assert [each.step for each in trace] == [0, 1, 2, 3, 4]
-    for each, layout, row in zip(trace, shrinking(), criteria(shrinking(), setting), strict=True):
-        assert each.objective == pytest.approx(objective(layout[None])[0], rel=1e-12)
+    assert [item.stage for item in trace] == ["start", "descent", "descent", "polish", "polish"]
+    assert [item.step for item in trace] == [0, 1, 2, 3, 4]
+    for item, layout, row in zip(trace, shrinking(), criteria(shrinking(), setting), strict=True):
+        assert item.objective == pytest.approx(objective(layout[None])[0], rel=1e-12)
         for key in ("condition", "rotation_deg", "translation_pct"):
-            assert getattr(each, key) == pytest.approx(row[key], rel=1e-12)
+            assert getattr(item, key) == pytest.approx(row[key], rel=1e-12)
 
 
 def test_a_relief_has_no_condition_number(setting):
     layouts = np.pad(shrinking(2), ((0, 0), (0, 0), (0, 1))) + [0, 0, 0.01] * np.arange(5)[:, None]
     trace = trace_of([("start", layouts[0]), ("descent", layouts[1])], OBJECTIVES["pose"](setting))
-    assert np.isnan([each.condition for each in trace]).all()
+    assert np.isnan([item.condition for item in trace]).all()
     assert trace[1].objective < trace[0].objective
 
 
@@ -74,11 +74,11 @@ def test_csv(setting):
     trace = steps(OBJECTIVES["pose"](setting))
     rows = list(csv.DictReader(io.StringIO(trace_bytes(trace, ".csv").decode())))
     assert list(rows[0]) == ["step", "stage", "objective", "condition", "rotation_deg", "translation_pct"]
-    for row, each in zip(rows, trace, strict=True):
-        assert (int(row["step"]), row["stage"]) == (each.step, each.stage)
+    for row, item in zip(rows, trace, strict=True):
+        assert (int(row["step"]), row["stage"]) == (item.step, item.stage)
         # Nine digits are written.
-        assert float(row["objective"]) == pytest.approx(each.objective, rel=1e-8)
-        assert float(row["rotation_deg"]) == pytest.approx(each.rotation_deg, rel=1e-8)
+        assert float(row["objective"]) == pytest.approx(item.objective, rel=1e-8)
+        assert float(row["rotation_deg"]) == pytest.approx(item.rotation_deg, rel=1e-8)
 
 
 @pytest.mark.parametrize("suffix", [".PNG", ".csv"])
@@ -94,7 +94,7 @@ def test_the_plot_shows_everything_and_leaves_gaps(setting):
     from matplotlib.figure import Figure
 
     trace = [Step(0, "start", np.inf, np.inf, np.inf, np.inf), *steps(OBJECTIVES["pose"](setting))]
-    trace = [Step(i, *list(vars(each).values())[1:]) for i, each in enumerate(trace)]
+    trace = [Step(i, *list(vars(item).values())[1:]) for i, item in enumerate(trace)]
     ax = Figure().add_subplot()
     assert plot_trace(trace, ax, "pose, m") is ax
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -115,32 +115,32 @@ def test_paths(tmp_path):
 
 def test_a_watcher_tells_of_the_best_layout_that_fits(setting, monkeypatch):
     monkeypatch.setattr("markergen.optimize.trace.PAUSE", 0.0)
-    objective, told, every = OBJECTIVES["pose"](setting), [], []
+    objective, output, every = OBJECTIVES["pose"](setting), [], []
     region = FeasibleRegion(setting.boundary, 0.01, 0.001)
     watcher = Watcher(
-        objective, region, lambda *words: told.append(words), lambda stage, before, after: every.append(stage)
+        objective, region, lambda *phrase: output.append(phrase), lambda stage, before, after: every.append(stage)
     )
     good, better = regular_polygon(5, 0.08), regular_polygon(5, 0.12)
     outside = regular_polygon(5, setting.boundary.radius)
     watcher("descent", np.stack([outside]), np.stack([outside]))
-    assert told == []  # Nothing fits yet.
+    assert output == []  # Nothing fits yet.
     for stage, layouts in (("descent", [outside, good]), ("polish", [better]), ("polish", [good])):
         watcher(stage, np.stack(layouts), np.stack(layouts))
     assert every == ["descent", "descent", "polish", "polish"]
-    assert [stage for stage, _, _ in told] == ["descent", "polish", "polish"]
-    for (_, points, value), layout in zip(told, (good, better, better), strict=True):
+    assert [stage for stage, _, _ in output] == ["descent", "polish", "polish"]
+    for (_, points, value), layout in zip(output, (good, better, better), strict=True):
         np.testing.assert_array_equal(points, layout)
         assert value == pytest.approx(objective(layout[None])[0], rel=1e-12)
 
 
 def test_a_search_that_is_watched_is_the_same_and_ends_when_it_is_told_to():
     options = {"n": 4, "radius": "100mm", "dot": "0mm", "restarts": 2, "poses": "cone:count=3"}
-    told = []
-    watched = mg.design(**options, watch=lambda stage, points, value: told.append((points.shape, value)))
+    output = []
+    watched = mg.design(**options, watch=lambda stage, points, value: output.append((points.shape, value)))
     assert watched.marker == mg.design(**options).marker
-    assert told
-    assert all(shape == (4, 2) for shape, _ in told)
-    assert min(value for _, value in told) >= watched.value * (1 - 1e-9)
+    assert output
+    assert all(shape == (4, 2) for shape, _ in output)
+    assert min(value for _, value in output) >= watched.value * (1 - 1e-9)
 
     def enough(stage, points, value):
         raise KeyError("enough")

@@ -105,7 +105,7 @@ def test_functions_show_the_keywords_that_are_declared(table):
     function = detect_files if name == "detect" else getattr(markergen, name)
     parameters = inspect.signature(function).parameters
     assert set(declared(table)) <= set(parameters)
-    assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
+    assert not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     assert "Kind(" not in str(inspect.signature(function))
 
 

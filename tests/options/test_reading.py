@@ -32,7 +32,7 @@ def test_what_is_not_given_is_the_default(table):
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "settled"),
+    ("name", "stated", "settled"),
     [
         ("radius", "6in", 0.1524),
         ("radius", 1, 1.0),
@@ -53,14 +53,14 @@ def test_what_is_not_given_is_the_default(table):
         ("seed", None, 0),
     ],
 )
-def test_values_are_converted(name, given, settled):
-    found = settle({name: given}, DesignKeywords)[name]
-    assert found == settled
-    assert type(found) is type(settled)
+def test_values_are_converted(name, stated, settled):
+    result = settle({name: stated}, DesignKeywords)[name]
+    assert result == settled
+    assert type(result) is type(settled)
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "expected"),
+    ("name", "stated", "expected"),
     [
         ("n", "5", "a whole number"),
         ("n", 5.0, "a whole number"),
@@ -88,13 +88,13 @@ def test_values_are_converted(name, given, settled):
         ("poses", 3, "poses: a text"),
     ],
 )
-def test_a_wrong_type_is_told(name, given, expected):
+def test_a_wrong_type_is_told(name, stated, expected):
     with pytest.raises(InputError) as caught:
-        settle({name: given}, DesignKeywords)
-    said = str(caught.value)
-    assert f"({expected}" in said
-    assert f"{name}=" in said
-    assert "\n" not in said
+        settle({name: stated}, DesignKeywords)
+    message = str(caught.value)
+    assert f"({expected}" in message
+    assert f"{name}=" in message
+    assert "\n" not in message
 
 
 def test_names_of_other_tools_are_answered_as_python_writes_them():
@@ -107,12 +107,12 @@ def test_names_of_other_tools_are_answered_as_python_writes_them():
 def test_all_that_is_wrong_is_told_at_once():
     with pytest.raises(InputError) as caught:
         settle({"rnus": 3, "noise": "0.2", "zzz": 1, "seed": 1.5}, ValidateKeywords)
-    said = str(caught.value)
-    assert said.startswith(sentence("no option", "validate", "rnus=3 (no such option: did you mean 'runs'?)"))
-    assert "noise='0.2' (a number)" in said
-    assert "seed=1.5 (a whole number)" in said
-    assert "zzz=1 (no such option: known: poses," in said
-    assert said.endswith("; see help(markergen.validate)")
+    message = str(caught.value)
+    assert message.startswith(sentence("no option", "validate", "rnus=3 (no such option: did you mean 'runs'?)"))
+    assert "noise='0.2' (a number)" in message
+    assert "seed=1.5 (a whole number)" in message
+    assert "zzz=1 (no such option: known: poses," in message
+    assert message.endswith("; see help(markergen.validate)")
 
 
 def test_a_name_of_another_function_is_answered():

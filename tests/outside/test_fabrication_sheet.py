@@ -21,7 +21,7 @@ def sheet(request, tmp_path_factory):
 
 
 def run(*command):
-    return subprocess.run([str(each) for each in command], capture_output=True, check=True, text=True, timeout=120)
+    return subprocess.run([str(item) for item in command], capture_output=True, check=True, text=True, timeout=120)
 
 
 def test_ghostscript_prints_it_without_a_warning(sheet):
@@ -32,9 +32,9 @@ def test_ghostscript_prints_it_without_a_warning(sheet):
 def test_poppler_draws_it_and_reads_its_words_and_fonts(sheet, tmp_path):
     done = run(program("poppler-utils", "pdftoppm"), "-r", "40", "-png", sheet, tmp_path / "page")
     assert not done.stdout + done.stderr
-    words = run(program("poppler-utils", "pdftotext"), "-layout", sheet, "-").stdout
-    for each in ("ISO 2768-mK", "Datums", "Tolerances, mm", "date of issue", "revision", "first angle", "±"):
-        assert each in words
+    phrase = run(program("poppler-utils", "pdftotext"), "-layout", sheet, "-").stdout
+    for item in ("ISO 2768-mK", "Datums", "Tolerances, mm", "date of issue", "revision", "first angle", "±"):
+        assert item in phrase
     rows = run(program("poppler-utils", "pdffonts"), sheet).stdout.splitlines()[2:]
     # Embedded, a subset, and with the characters for searching.
     assert [row.split()[-5:-2] for row in rows] == [["yes", "yes", "yes"]] * 2

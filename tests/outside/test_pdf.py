@@ -28,7 +28,7 @@ def folder(make_ngon, tmp_path_factory):
 
 
 def run(*command):
-    return subprocess.run([str(each) for each in command], capture_output=True, check=True, text=True, timeout=60)
+    return subprocess.run([str(item) for item in command], capture_output=True, check=True, text=True, timeout=60)
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -37,7 +37,7 @@ def test_qpdf_has_no_objection_and_finds_the_preferences(folder, name):
     assert not run(qpdf, "--check", folder / name).stderr
     # Version 1 of the JSON is in all releases.
     objects = json.loads(run(qpdf, "--json=1", folder / name).stdout)["objects"]
-    (catalog,) = (each for each in objects.values() if isinstance(each, dict) and each.get("/Type") == "/Catalog")
+    (catalog,) = (item for item in objects.values() if isinstance(item, dict) and item.get("/Type") == "/Catalog")
     preferences = objects[catalog["/ViewerPreferences"]]
     assert preferences["/PrintScaling"] == "/None"
     assert preferences["/PickTrayByPDFSize"] is True
@@ -46,15 +46,15 @@ def test_qpdf_has_no_objection_and_finds_the_preferences(folder, name):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_mupdf_finds_the_preferences(folder, name):
-    found = run(program("mupdf-tools", "mutool"), "show", folder / name, "trailer/Root/ViewerPreferences")
-    assert "/PrintScaling /None" in found.stdout
-    assert not found.stderr
+    result = run(program("mupdf-tools", "mutool"), "show", folder / name, "trailer/Root/ViewerPreferences")
+    assert "/PrintScaling /None" in result.stdout
+    assert not result.stderr
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_poppler_finds_the_pages_and_no_error(folder, name):
-    found = run(program("poppler-utils", "pdfinfo"), "-l", "99", folder / name)
-    assert not found.stderr
-    words = dict(line.split(":", 1) for line in found.stdout.splitlines())
-    assert words["PDF version"].strip() == "1.7"
-    assert KINDS[name] in (None, int(words["Pages"]))
+    result = run(program("poppler-utils", "pdfinfo"), "-l", "99", folder / name)
+    assert not result.stderr
+    phrase = dict(line.split(":", 1) for line in result.stdout.splitlines())
+    assert phrase["PDF version"].strip() == "1.7"
+    assert KINDS[name] in (None, int(phrase["Pages"]))

@@ -43,7 +43,7 @@ REWRITERS = {
 @pytest.mark.parametrize("name", REWRITERS)
 def test_a_rewritten_sheet_passes(marker, folder, tmp_path, name):
     package, executable, source, target, arguments = REWRITERS[name]
-    command = [each.format(source=folder / source, target=tmp_path / target) for each in arguments]
+    command = [argument.format(source=folder / source, target=tmp_path / target) for argument in arguments]
     subprocess.run([program(package, executable), *command], check=True, capture_output=True, timeout=120)
     check = verify(marker, tmp_path / target)
     assert check.passed, check.findings

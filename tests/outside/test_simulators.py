@@ -42,13 +42,17 @@ def written(marker, tmp_path_factory):
     return folders
 
 
-def by_ign(*words: str) -> str:
-    found = subprocess.run(
-        [program("libignition-tools-dev", "ign"), "sdf", *words], capture_output=True, text=True, timeout=60, check=True
+def by_ign(*phrase: str) -> str:
+    result = subprocess.run(
+        [program("libignition-tools-dev", "ign"), "sdf", *phrase],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
-    assert "Error [" not in found.stderr
-    assert "Warning [" not in found.stderr
-    return found.stdout
+    assert "Error [" not in result.stderr
+    assert "Warning [" not in result.stderr
+    return result.stdout
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -80,10 +84,10 @@ def photograph(path, center: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     scene.visual.global_.offwidth, scene.visual.global_.offheight = WIDTH, HEIGHT
     # It looks along its -z, with y up.
     axes = rotation.T @ np.diag([1, -1, -1])
-    turn = np.zeros(4)
-    mujoco.mju_mat2Quat(turn, axes.ravel())
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
     fovy = np.degrees(2 * np.arctan(HEIGHT / 2 / FOCAL))
-    scene.worldbody.add_camera(name="camera", pos=center, quat=turn, fovy=fovy)
+    scene.worldbody.add_camera(name="camera", pos=center, quat=quaternion, fovy=fovy)
     scene.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.01], pos=[0, 0, -0.05], rgba=[0.6, 0.6, 0.6, 1]
     )
@@ -114,8 +118,8 @@ def test_in_a_picture_by_mujoco_the_marker_is_where_it_is(process, marker, writt
     rotation = looking_at_origin(center)
     image = photograph(written[process] / "a b.mjcf.xml", center, rotation)
     camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-    (found,) = Detector(marker, camera)(image)
-    pose = found.pose
+    (finding,) = Detector(marker, camera)(image)
+    pose = finding.pose
     # Measured: 0.007 degrees and 0.035 mm; OpenGL samples an edge at few points of a pixel.
     assert np.degrees(angle_between(pose.rotation, rotation)) < 0.05
     assert np.linalg.norm(pose.translation + rotation @ center) < 1e-4
@@ -126,12 +130,12 @@ def test_in_pictures_by_mujoco_every_face_of_a_cube_is_where_it_is(process, tmp_
     rig = cube(0.08, seed=3, n=6, diameter=0.014)
     save(rig, [tmp_path / "cube.mjcf.xml"], ExportOptions(fabrication=Fabrication(process)))
     camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-    for each in rig.markers:
-        center = 0.3 * each.rotation_matrix[:, 2] + np.array([0.06, -0.05, 0.07])
+    for marker in rig.markers:
+        center = 0.3 * marker.rotation_matrix[:, 2] + np.array([0.06, -0.05, 0.07])
         rotation = looking_at_origin(center)
         image = photograph(tmp_path / "cube.mjcf.xml", center, rotation)
-        (found,) = Detector(each.marker, camera)(image)
-        wanted, shift = each.camera_pose(rotation, -rotation @ center)
+        (finding,) = Detector(marker.marker, camera)(image)
+        wanted, offset = marker.camera_pose(rotation, -rotation @ center)
         # Measured: at most 0.09 degrees and 0.09 mm, at 25 to 40 degrees of tilt.
-        assert np.degrees(angle_between(found.pose.rotation, wanted)) < 0.2
-        assert np.linalg.norm(found.pose.translation - shift) < 2e-4
+        assert np.degrees(angle_between(finding.pose.rotation, wanted)) < 0.2
+        assert np.linalg.norm(finding.pose.translation - offset) < 2e-4

@@ -121,15 +121,15 @@ def test_cura_prints_parts_in_their_places_and_materials(case):
     name, marker, parts, folder = case
     (group,) = nodes_of_cura(folder / "marker-parts.3mf")
     assert group["group"]
-    found = group["children"]
-    assert [(each["name"], each["extruder"]) for each in found] == [
+    results = group["children"]
+    assert [(item["name"], item["extruder"]) for item in results] == [
         (part.name, MATERIALS.index(part.material)) for part in parts
     ]
-    for each, part in zip(found, parts, strict=True):
-        box = np.array(each["box"])
+    for item, part in zip(results, parts, strict=True):
+        box = np.array(item["box"])
         np.testing.assert_allclose(box[:, :2], box_of(part), atol=0.03)
         np.testing.assert_allclose(box[:, 2], part.span, atol=1e-3)
-    check_lines(by_curaengine(found, folder, span_of(parts)[0]), name, marker, parts)
+    check_lines(by_curaengine(results, folder, span_of(parts)[0]), name, marker, parts)
 
 
 def test_cura_takes_the_file_for_prusaslicer_as_one_object_on_the_bed(case):

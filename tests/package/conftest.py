@@ -13,11 +13,11 @@ PATIENCE = 15
 """Minutes that a download of two gigabytes may take."""
 
 
-def call(*words: object, cwd: Path, check: bool = True, **variables: str) -> subprocess.CompletedProcess[str]:
+def call(*phrase: object, cwd: Path, check: bool = True, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run a program that finds nothing of this source tree by chance, with further environment variables."""
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
     done = subprocess.run(
-        list(map(str, words)), cwd=cwd, capture_output=True, text=True, timeout=60 * PATIENCE,
+        list(map(str, phrase)), cwd=cwd, capture_output=True, text=True, timeout=60 * PATIENCE,
         env={**environment, "PYTHONNOUSERSITE": "1", "OPENBLAS_NUM_THREADS": "1", **variables},
     )  # fmt: skip
     assert not check or done.returncode == 0, done.stdout + done.stderr

@@ -112,7 +112,7 @@ def test_requirements_agree_with_each_other(bare, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words",
+    "phrase",
     [
         "--version", "--help", "templates", "templates desk-a4",
         "design --template desk-a4 -o desk.pdf",
@@ -123,13 +123,13 @@ def test_requirements_agree_with_each_other(bare, tmp_path):
         "study sweep.toml -o sweep",
     ],
 )  # fmt: skip
-def test_every_command_works_without_extras(bare, desk, words):
-    assert call(bare / "markergen", *words.split(), cwd=desk).stdout
+def test_every_command_works_without_extras(bare, desk, phrase):
+    assert call(bare / "markergen", *phrase.split(), cwd=desk).stdout
 
 
 def test_every_help_works_without_extras(bare, desk):
-    said = call(bare / "markergen", "--help", cwd=desk).stdout.partition("Commands:")[2]
-    commands = [line.split()[0] for line in said.splitlines() if line.startswith("  ") and line[2] != " "]
+    message = call(bare / "markergen", "--help", cwd=desk).stdout.partition("Commands:")[2]
+    commands = [line.split()[0] for line in message.splitlines() if line.startswith("  ") and line[2] != " "]
     assert {"design", "validate", "export", "detect", "compare", "verify", "rescale", "study"} <= set(commands)
     for command in commands:
         assert f"markergen {command}" in call(bare / "markergen", command, "--help", cwd=desk).stdout
@@ -142,10 +142,10 @@ def test_every_drawing_is_written_without_extras(desk):
 
 
 def test_a_marker_is_found_in_photos_without_extras(bare, desk):
-    words = "detect photos --marker marker.json --camera photos/camera.yaml --json found.json --overlay seen"
-    call(bare / "markergen", *words.split(), cwd=desk)
-    found = json.loads((desk / "found.json").read_text())
-    assert len(found) == 6
+    phrase = "detect photos --marker marker.json --camera photos/camera.yaml --json found.json --overlay seen"
+    call(bare / "markergen", *phrase.split(), cwd=desk)
+    findings = json.loads((desk / "found.json").read_text())
+    assert len(findings) == 6
     assert len(list((desk / "seen").iterdir())) == 6
 
 
@@ -160,8 +160,8 @@ def test_a_solid_is_refused_in_one_line_that_says_what_to_install(bare, desk, su
 
 
 def test_a_cluster_is_refused_in_one_line_that_says_what_to_install(bare, desk):
-    words = "study sweep.toml -o far --scheduler tcp://127.0.0.1:9"
-    done = call(bare / "markergen", *words.split(), cwd=desk, check=False)
+    phrase = "study sweep.toml -o far --scheduler tcp://127.0.0.1:9"
+    done = call(bare / "markergen", *phrase.split(), cwd=desk, check=False)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "pip install 'markergen[cluster]'" in line

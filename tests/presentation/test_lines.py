@@ -28,11 +28,11 @@ def _held(line):
 def test_tables_break_no_word_and_lose_none(rows, width):
     header = [f"head{k}" for k in range(len(rows[0]))]
     lines = table_lines(header, rows, width)
-    said = " ".join(lines).split()
+    message = " ".join(lines).split()
     for row in rows:
         for cell in row:
             for word in cell.split():
-                assert word in said
+                assert word in message
 
 
 def test_a_number_keeps_its_unit():

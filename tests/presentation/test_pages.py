@@ -34,10 +34,10 @@ def test_what_a_page_is_given_stays_text_and_empty_sections_are_left_out():
         book=("<i>", "validate.md"),
     )
     made = pages.page("<i>", "<i>", [("a", "<i>", section), ("b", "gone", None)], "<i>", "\ud800")
-    found = check(made)
-    assert not found.of("i")
+    result = check(made)
+    assert not result.of("i")
     assert b"&lt;i&gt;" in made
-    assert found.sections == ("a",)
+    assert result.sections == ("a",)
 
 
 def test_the_address_of_the_book_is_that_of_the_project():
@@ -54,7 +54,7 @@ def test_a_dome_holds_numbers_and_what_is_unknown_is_null():
     )
     section = Section(plots=[made])
     (div,) = (
-        each for each in check(pages.page("h", "t", [("a", "A", section)], "s", "n")).of("div") if "data-dome" in each
+        item for item in check(pages.page("h", "t", [("a", "A", section)], "s", "n")).of("div") if "data-dome" in item
     )
     data = json.loads(div["data-dome"])
     assert data["poses"] == {

@@ -12,8 +12,8 @@ from markergen.presentation.plots import axes_of
 def test_axes_are_those_given_or_of_a_new_figure():
     from matplotlib.figure import Figure
 
-    own = axes_of(None, (3, 2))
-    assert own.figure.get_size_inches().tolist() == [3, 2]
+    ours = axes_of(None, (3, 2))
+    assert ours.figure.get_size_inches().tolist() == [3, 2]
     first, second = Figure().subplots(2)
     assert axes_of(second) is second is not first
 
@@ -49,19 +49,19 @@ def test_the_same_drawing_gives_the_same_bytes_whatever_the_settings_of_matplotl
         yield plots.figure_bytes(figure, tmp_path / "plot.svg")
         yield plots.figure_bytes(figure, tmp_path / "plot.PNG")
 
-    own = list(pictures())
+    ours = list(pictures())
     with matplotlib.rc_context({"font.size": 20, "svg.hashsalt": "other", "axes.grid": False, "text.parse_math": True}):
         before = dict(matplotlib.rcParams)
-        assert list(pictures()) == own
+        assert list(pictures()) == ours
         assert dict(matplotlib.rcParams) == before
-    assert b"<dc:date>" not in own[0] + own[2]
-    assert own[3].startswith(b"\x89PNG")
+    assert b"<dc:date>" not in ours[0] + ours[2]
+    assert ours[3].startswith(b"\x89PNG")
 
 
 def test_a_plot_in_a_page_shares_no_ids_and_keeps_its_text():
     first, second = (plots.plot(drawn, name, 'alt "<text>"', "caption", (5.0, 2.0)) for name in ("a", "b"))
     assert first.kind == "wide"
-    ids = [set(re.findall(r'\bid="([^"]*)"', each.markup)) for each in (first, second)]
+    ids = [set(re.findall(r'\bid="([^"]*)"', item.markup)) for item in (first, second)]
     assert ids[0]
     assert not ids[0] & ids[1]
     assert 'aria-label="alt &#34;&lt;text&gt;&#34;"' in first.markup
@@ -78,7 +78,7 @@ def test_a_picture_is_named_by_its_format():
 
 def test_only_what_a_logarithmic_axis_can_show_is_drawn():
     assert plots.positive(2) == 2
-    assert np.isnan([plots.positive(each) for each in (None, 0.0, -1.0, np.inf, np.nan)]).all()
+    assert np.isnan([plots.positive(item) for item in (None, 0.0, -1.0, np.inf, np.nan)]).all()
     assert plots.ticks(1, 2)[:2] == (1, 1.2)
     assert plots.ticks(1, 1e9) == (1,)
 
@@ -100,7 +100,7 @@ def test_colors_keep_their_contrast_and_hue_in_the_dark():
         assert np.argmax([plots.dark(look["color"])[k : k + 2] for k in (1, 3, 5)]) == np.argmax(
             [look["color"][k : k + 2] for k in (1, 3, 5)]
         )
-    grays = [luminance(plots.dark(f"#{2 * f'{each:02x}'}{each:02x}")) for each in range(0, 256, 5)]
+    grays = [luminance(plots.dark(f"#{2 * f'{item:02x}'}{item:02x}")) for item in range(0, 256, 5)]
     assert np.all(np.diff(grays) < 0)
 
 

@@ -31,23 +31,23 @@ class Measured(SavableResult):
 
 def test_files_hold_what_their_suffix_or_their_keyword_says(tmp_path):
     written = Measured().save(tmp_path / "a.SVG", str(tmp_path / "b.html"), json=tmp_path / "c.txt")
-    assert [each.path.read_bytes() for each in written] == [b"plot a.SVG", b"report b.html", b'{\n  "dots": 2\n}\n']
+    assert [item.path.read_bytes() for item in written] == [b"plot a.SVG", b"report b.html", b'{\n  "dots": 2\n}\n']
 
 
 def test_what_could_not_be_written_is_refused_and_nothing_is_changed(tmp_path):
-    found = Measured()
+    result = Measured()
     with pytest.raises(InputError, match="path to write"):
-        found.save()
+        result.save()
     with pytest.raises(InputError, match=r"ends in \.json, \.html, \.svg"):
-        found.save(tmp_path / "a.txt")
+        result.save(tmp_path / "a.txt")
     with pytest.raises(InputError, match="a picture"):
-        found.save(plot=tmp_path / "a.html")
+        result.save(plot=tmp_path / "a.html")
     with pytest.raises(InputError, match="for json"):
-        found.save(json=3)
+        result.save(json=3)
     with pytest.raises(OutputError, match="asked for twice"):
-        found.save(tmp_path / "a.json", json=tmp_path / "a.json")
+        result.save(tmp_path / "a.json", json=tmp_path / "a.json")
     with pytest.raises(OutputError, match=pattern("input overwritten")):
-        found.targets([tmp_path / "a.json"]).check([tmp_path / "a.json"])
+        result.targets([tmp_path / "a.json"]).check([tmp_path / "a.json"])
     assert not list(tmp_path.iterdir())
 
 

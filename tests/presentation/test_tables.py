@@ -44,15 +44,15 @@ def test_html_is_escaped():
 
 
 def test_a_result_shows_its_parts_in_order():
-    found = Told("two\nlines", Table("t", ["a", "b"], [["1", "2"]]), HOSTILE)
-    assert str(found).splitlines()[:2] == ["two", "lines"]
-    assert str(found).splitlines()[-1] == HOSTILE
-    html = found._repr_html_()
+    result = Told("two\nlines", Table("t", ["a", "b"], [["1", "2"]]), HOSTILE)
+    assert str(result).splitlines()[:2] == ["two", "lines"]
+    assert str(result).splitlines()[-1] == HOSTILE
+    html = result._repr_html_()
     assert "<p>two<br>lines</p>" in html
     assert "<script>" not in html
     out = io.StringIO()
-    print_parts(found.parts(), out)
-    assert out.getvalue() == str(found) + "\n"
+    print_parts(result.parts(), out)
+    assert out.getvalue() == str(result) + "\n"
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def test_a_covariance(write, tmp_path, count):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("1 2 3", "4 standard deviations or 4x4 numbers or 8 standard deviations or 8x8 numbers"),
         ("1 2 3 4 5 6", "found 1 rows of 6; the parameters are fx fy cx cy k1 k2 p1 p2"),
@@ -60,19 +60,19 @@ def test_a_covariance(write, tmp_path, count):
         ("1 -.9 -.9 0\n-.9 1 -.9 0\n-.9 -.9 1 0\n0 0 0 1", "a positive semidefinite covariance"),
     ],
 )
-def test_what_is_no_covariance_is_named(write, monkeypatch, text, words):
+def test_what_is_no_covariance_is_named(write, monkeypatch, text, phrase):
     path = write(text, "mine.txt")
     monkeypatch.chdir(path.parent)
     with pytest.raises(InputError) as caught:
         read_camera_covariance("mine.txt", LENS)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "mine.txt" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_arrays_that_are_no_covariance(tmp_path, write):
     path = tmp_path / "a.npy"
-    for values, words in (
+    for values, phrase in (
         (np.array([None] * 4), "a .npy of numbers"),
         (np.array(["1"] * 4), "in one or two dimensions"),
         (np.ones((4, 4, 1)), "in one or two dimensions"),
@@ -81,7 +81,7 @@ def test_arrays_that_are_no_covariance(tmp_path, write):
         (np.ones(20_000), "in one or two dimensions"),
     ):
         np.save(path, values)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=phrase):
             read_camera_covariance(path, PAPER_CAMERA)
     np.save(path, np.ones(4))
     data = path.read_bytes()
@@ -98,9 +98,9 @@ def test_arrays_that_are_no_covariance(tmp_path, write):
 
 def test_arrays_are_taken_as_files_are(write):
     expected = read_camera_covariance(write("0.5 0.5 1 1"), LENS)
-    for given in ([0.5, 0.5, 1, 1], np.array([0.5, 0.5, 1, 1]), np.diag([0.25, 0.25, 1, 1])):
-        np.testing.assert_array_equal(read_camera_covariance(given, LENS), expected)
-    for given in (7.0, np.zeros((2, 2, 2)), [], ["a"], object(), [[1, 2], [3]], np.full(4, np.nan), np.ones(5)):
+    for stated in ([0.5, 0.5, 1, 1], np.array([0.5, 0.5, 1, 1]), np.diag([0.25, 0.25, 1, 1])):
+        np.testing.assert_array_equal(read_camera_covariance(stated, LENS), expected)
+    for stated in (7.0, np.zeros((2, 2, 2)), [], ["a"], object(), [[1, 2], [3]], np.full(4, np.nan), np.ones(5)):
         with pytest.raises(InputError) as caught:
-            read_camera_covariance(given, LENS)
+            read_camera_covariance(stated, LENS)
         assert "\n" not in str(caught.value)

@@ -44,19 +44,19 @@ def test_opencv_reads_it(tmp_path, suffix, camera):
 def test_ros_has_all_that_its_parser_asks_for(tmp_path, camera, model, count):
     # camera_calibration_parsers looks these keys up, with these sizes, and no others.
     camera.save(tmp_path / "camera.ros.yaml")
-    found = yaml.safe_load((tmp_path / "camera.ros.yaml").read_text())
-    assert (found["image_width"], found["image_height"], found["distortion_model"]) == (640, 480, model)
-    assert isinstance(found["camera_name"], str)
+    results = yaml.safe_load((tmp_path / "camera.ros.yaml").read_text())
+    assert (results["image_width"], results["image_height"], results["distortion_model"]) == (640, 480, model)
+    assert isinstance(results["camera_name"], str)
     sizes = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
     for key, size in {**sizes, "distortion_coefficients": (1, count)}.items():
-        table = found[key]
+        table = results[key]
         assert (table["rows"], table["cols"]) == size
         assert len(table["data"]) == np.prod(size)
         assert all(isinstance(value, float) for value in table["data"])
     # What is rectified by them is the undistorted image, with the same matrix.
-    matrix = np.reshape(found["camera_matrix"]["data"], (3, 3))
-    np.testing.assert_array_equal(np.reshape(found["rectification_matrix"]["data"], (3, 3)), np.eye(3))
-    np.testing.assert_array_equal(np.reshape(found["projection_matrix"]["data"], (3, 4))[:, :3], matrix)
+    matrix = np.reshape(results["camera_matrix"]["data"], (3, 3))
+    np.testing.assert_array_equal(np.reshape(results["rectification_matrix"]["data"], (3, 3)), np.eye(3))
+    np.testing.assert_array_equal(np.reshape(results["projection_matrix"]["data"], (3, 4))[:, :3], matrix)
 
 
 @pytest.mark.parametrize(("camera", "model"), [(FLAT, "radtan"), (PAPER_CAMERA, "none"), (FISHEYE, "equidistant")])
@@ -65,15 +65,15 @@ def test_kalibr_has_all_that_its_reader_asks_for(tmp_path, camera, model):
     chain = yaml.safe_load((tmp_path / "camera.kalibr.yaml").read_text())
     # One entry for each camera: anything else at the top would be taken for one.
     assert list(chain) == ["cam0"]
-    found = chain["cam0"]
-    assert (found["camera_model"], found["distortion_model"]) == ("pinhole", model)
-    assert len(found["distortion_coeffs"]) == {"none": 0, "radtan": 4, "equidistant": 4}[model]
-    assert found["intrinsics"] == [camera.fx, camera.fy, camera.cx, camera.cy]
+    results = chain["cam0"]
+    assert (results["camera_model"], results["distortion_model"]) == ("pinhole", model)
+    assert len(results["distortion_coeffs"]) == {"none": 0, "radtan": 4, "equidistant": 4}[model]
+    assert results["intrinsics"] == [camera.fx, camera.fy, camera.cx, camera.cy]
     # Its reader refuses whole numbers there, and a resolution that is not whole.
-    assert all(isinstance(value, float) for value in found["intrinsics"] + found["distortion_coeffs"])
-    assert [type(side) for side in found["resolution"]] == [int, int]
-    assert isinstance(found["rostopic"], str)
-    assert found["cam_overlaps"] == []
+    assert all(isinstance(value, float) for value in results["intrinsics"] + results["distortion_coeffs"])
+    assert [type(side) for side in results["resolution"]] == [int, int]
+    assert isinstance(results["rostopic"], str)
+    assert results["cam_overlaps"] == []
 
 
 @pytest.mark.parametrize(
@@ -90,9 +90,9 @@ def test_colmap_counts_from_the_corner(tmp_path, name, camera, model, rest):
     camera.save(tmp_path / name, None if camera is FLAT else np.eye(len(camera.parameter_names)), 0.1)
     lines = (tmp_path / name).read_text().splitlines()
     # COLMAP skips lines that begin with #.
-    (words,) = [line.split() for line in lines if not line.startswith("#")]
-    assert words[:4] == ["1", model, "640", "480"]
-    values = [float(word) for word in words[4:]]
+    (phrase,) = [line.split() for line in lines if not line.startswith("#")]
+    assert phrase[:4] == ["1", model, "640", "480"]
+    values = [float(word) for word in phrase[4:]]
     assert values == [camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5, *rest]
 
 
@@ -109,7 +109,7 @@ def test_a_coefficient_that_is_unsure_is_not_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments", "words"),
+    ("name", "arguments", "phrase"),
     [
         ("camera", {}, "known endings: .colmap.txt, .json"),
         ("camera.txt", {}, "a name for a camera file, found 'camera.txt'"),
@@ -119,10 +119,10 @@ def test_a_coefficient_that_is_unsure_is_not_left_out(tmp_path):
         ("c.yaml", {"rms": -1.0}, "the RMS of the residuals in px, found -1.0"),
     ],
 )
-def test_what_cannot_be_written_is_one_line(tmp_path, name, arguments, words):
+def test_what_cannot_be_written_is_one_line(tmp_path, name, arguments, phrase):
     with pytest.raises(InputError) as caught:
         LENS.save(tmp_path / name, **arguments)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
@@ -142,18 +142,18 @@ def stored(tmp_path, **changes):
 
 def test_a_covariance_is_read_by_the_names_of_its_parameters(tmp_path):
     few = {"rows": 2, "cols": 2, "data": [4, 1, 1, 9]}
-    found = read_camera_covariance(stored(tmp_path, camera_parameters=["k1", "fy"], camera_covariance=few), LENS)
+    results = read_camera_covariance(stored(tmp_path, camera_parameters=["k1", "fy"], camera_covariance=few), LENS)
     expected = np.zeros((9, 9))
     expected[4, 4], expected[1, 1], expected[1, 4], expected[4, 1] = 4, 9, 1, 1
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(results, expected)
     # Rows of zeros may be of parameters that this lens has not.
     one = {"rows": 2, "cols": 2, "data": [4, 0, 0, 0]}
-    found = read_camera_covariance(stored(tmp_path, camera_parameters=["fx", "k6"], camera_covariance=one), LENS)
-    assert found[0, 0] == found.sum() == 4
+    results = read_camera_covariance(stored(tmp_path, camera_parameters=["fx", "k6"], camera_covariance=one), LENS)
+    assert results[0, 0] == results.sum() == 4
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "phrase"),
     [
         ({"camera_parameters": NAMES[:8]}, "8 rows and 8 cols at camera_covariance"),
         ({"camera_parameters": ["fx"] * 9}, "every parameter once at camera_parameters"),
@@ -166,12 +166,12 @@ def test_a_covariance_is_read_by_the_names_of_its_parameters(tmp_path):
         ({"camera_covariance": {"rows": 9, "cols": 9, "data": ["nan"] * 81}}, "a finite number"),
     ],
 )
-def test_a_wrong_covariance_in_a_camera_is_one_line(tmp_path, changes, words):
+def test_a_wrong_covariance_in_a_camera_is_one_line(tmp_path, changes, phrase):
     path = stored(tmp_path, **changes)
     for read in (lambda: read_camera_covariance(path, LENS), lambda: camera_covariance(None, path, LENS)):
         with pytest.raises(InputError) as caught:
             read()
-        assert words in str(caught.value)
+        assert phrase in str(caught.value)
         assert "\n" not in str(caught.value)
 
 

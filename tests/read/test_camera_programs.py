@@ -206,11 +206,11 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("words", REFUSED)
-def test_what_is_not_modeled_is_refused_by_name(write, words):
+@pytest.mark.parametrize("phrase", REFUSED)
+def test_what_is_not_modeled_is_refused_by_name(write, phrase):
     with pytest.raises(InputError) as caught:
-        read_camera(write(REFUSED[words]))
-    assert words in str(caught.value)
+        read_camera(write(REFUSED[phrase]))
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

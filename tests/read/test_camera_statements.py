@@ -96,7 +96,7 @@ def test_four_coefficients_without_a_name_are_open():
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "phrase"),
     [
         ({"model": "fisheye", "distortion_model": "plumb_bob"}, "one lens at"),
         ({"model": "fisheye", "fisheye_model": 0}, "one lens at"),
@@ -117,10 +117,10 @@ def test_four_coefficients_without_a_name_are_open():
         ({"distortion_coefficients": None, "distortion_terms": [0.1]}, "only 'distortion_terms'"),
     ],
 )
-def test_contradictions_and_what_is_unknown_are_refused(changes, words):
+def test_contradictions_and_what_is_unknown_are_refused(changes, phrase):
     with pytest.raises(InputError) as caught:
         read(**changes)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -173,7 +173,7 @@ def test_names_are_unambiguous():
 
 
 @pytest.mark.parametrize(
-    ("camera", "words"),
+    ("camera", "phrase"),
     [
         (Camera(1080, 1920, 1000, 1000, 960, 540), "are width and height exchanged?"),
         (Camera(640, 480, 1000, 1000, 600, 240), "another resolution"),
@@ -186,10 +186,10 @@ def test_names_are_unambiguous():
         (Camera(640, 480, 300, 300, 320, 240, Distortion("radtan", (-0.4, 0.0, 0, 0))), "folds inside the image"),
     ],
 )
-def test_what_is_implausible_is_reported_with_its_cause(camera, words):
+def test_what_is_implausible_is_reported_with_its_cause(camera, phrase):
     lines = list(doubts(camera))
     assert len(lines) == 1
-    assert words in lines[0]
+    assert phrase in lines[0]
 
 
 def test_usual_cameras_are_not_doubted():

@@ -340,12 +340,12 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "old", "new", "words"), BAD)
-def test_each_kind_of_damage_is_named(write, text, old, new, words):
+@pytest.mark.parametrize(("text", "old", "new", "phrase"), BAD)
+def test_each_kind_of_damage_is_named(write, text, old, new, phrase):
     path = write(damaged(text, old, new), "mine.cfg")
     with pytest.raises(InputError) as caught:
         read_camera(path)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "mine.cfg" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -358,7 +358,7 @@ def test_terms_that_are_not_modeled_are_refused(write):
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "phrase"),
     [
         (b"", "an empty file"),
         (b" \n", "an empty file"),
@@ -379,10 +379,10 @@ def test_terms_that_are_not_modeled_are_refused(write):
         (b"a: &a [*a]\nK: *a\nimage_width: 3\n", "a finite number at K"),
     ],
 )
-def test_what_is_no_calibration_is_one_line(write, data, words):
+def test_what_is_no_calibration_is_one_line(write, data, phrase):
     with pytest.raises(InputError) as caught:
         read_camera(write(data))
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 1000
 
@@ -400,10 +400,10 @@ def test_aliases_are_not_expanded(write):
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    for path, words in ((tmp_path, "Is a directory"), (tmp_path / "none.yaml", "No such file"), ("a\0b", "null")):
-        with pytest.raises(InputError, match=words):
+    for path, phrase in ((tmp_path, "Is a directory"), (tmp_path / "none.yaml", "No such file"), ("a\0b", "null")):
+        with pytest.raises(InputError, match=phrase):
             read_camera(path)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=phrase):
             read_camera_covariance(path, PAPER_CAMERA)
     (tmp_path / "one.yaml").write_text(ROS_YAML)
     with pytest.raises(InputError, match="'cam1'; leave it"):
@@ -435,7 +435,7 @@ def test_one_of_several_cameras_is_loaded_by_name(write):
 
 
 @pytest.mark.parametrize(
-    ("source", "words"),
+    ("source", "phrase"),
     [
         (3, "expected a path, an open file or a dict of a calibration, found int 3"),
         (None, "found NoneType None"),
@@ -453,10 +453,10 @@ def test_one_of_several_cameras_is_loaded_by_name(write):
         (io.StringIO(" " * 1_000_001), "at most 1 MB"),
     ],
 )
-def test_what_is_no_camera_is_one_line(source, words):
+def test_what_is_no_camera_is_one_line(source, phrase):
     with pytest.raises(InputError) as caught:
         Camera.load(source)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -493,7 +493,7 @@ def test_a_message_of_ros_is_the_camera_that_it_describes(write):
 
 
 @pytest.mark.parametrize(
-    ("message", "words"),
+    ("message", "phrase"),
     [
         (3, "a message sensor_msgs/CameraInfo, found int 3"),
         ({}, "a message sensor_msgs/CameraInfo, found dict {}"),
@@ -512,10 +512,10 @@ def test_a_message_of_ros_is_the_camera_that_it_describes(write):
         (info(width=SimpleNamespace()), "text, numbers, lists and dicts in the CameraInfo"),
     ],
 )
-def test_messages_are_refused_as_files_are(message, words):
+def test_messages_are_refused_as_files_are(message, phrase):
     with pytest.raises(InputError) as caught:
         Camera.from_message(message)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -536,7 +536,7 @@ def test_arrays_of_opencv():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "phrase"),
     [
         ((None, None, (640, 480)), "an array of finite numbers as matrix, found None"),
         ((np.eye(4), None, (640, 480)), "a 3x3 camera matrix, found an array of shape (4, 4)"),
@@ -565,8 +565,8 @@ def test_arrays_of_opencv():
         ((MATRIX, [0.1] * 5, (640, 480), True), "4 coefficients of the distortion model 'equidistant'"),
     ],
 )
-def test_arrays_that_are_no_camera_are_refused(arguments, words):
+def test_arrays_that_are_no_camera_are_refused(arguments, phrase):
     with pytest.raises(InputError) as caught:
         Camera.from_cv2(*arguments)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -40,7 +40,7 @@ def test_columns_and_units(path, text, sigma):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "empty"),
         ("# nothing\n", "empty"),
@@ -63,10 +63,10 @@ def test_columns_and_units(path, text, sigma):
         ("id,x,y\n" + "1,2,3\n" * 10_001, "10000 rows"),
     ],
 )
-def test_tables_that_are_none(path, text, said):
+def test_tables_that_are_none(path, text, message):
     with pytest.raises(InputError) as error:
         read(path, text)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_no_file(tmp_path):
@@ -86,14 +86,14 @@ def test_whatever_stands_in_it(path, changes):
     for place, length, token in changes:
         start = int(place * len(text))
         text = text[:start] + token + text[start + length :]
-    found, message = (), ""
+    results, message = (), ""
     try:
-        found = read(path, text)
+        results = read(path, text)
     except InputError as error:
         message = str(error)
     assert len(message.splitlines()) <= 1
     assert len(message) < 1000
-    assert all(np.isfinite([dot.x, dot.y]).all() for dot in found)
+    assert all(np.isfinite([dot.x, dot.y]).all() for dot in results)
 
 
 @pytest.mark.parametrize(

@@ -157,10 +157,10 @@ def test_strips_of_a_transparent_image_have_no_seams(monkeypatch):
     np.testing.assert_array_equal(grey_frame(pixels), whole)
 
 
-@pytest.mark.parametrize(("depth", "color", "words"), [(16, 6, "4 channels with 16 bits"), (16, 2, "3 channels")])
-def test_more_memory_than_a_photograph_takes_is_refused_before_decoding(read, depth, color, words):
+@pytest.mark.parametrize(("depth", "color", "phrase"), [(16, 6, "4 channels with 16 bits"), (16, 2, "3 channels")])
+def test_more_memory_than_a_photograph_takes_is_refused_before_decoding(read, depth, color, phrase):
     assert "500 MB of pixels" in (message := refused(read, empty_png(10_000, 10_000, depth, color)))
-    assert f"10000x10000 px of {words}" in message
+    assert f"10000x10000 px of {phrase}" in message
 
 
 def test_only_the_depth_counts_not_a_width_that_looks_like_one(read):
@@ -199,7 +199,7 @@ def test_other_depths_are_refused(read, dtype):
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "phrase"),
     [
         (b"", "empty"),
         (b"hello, I am a text\n" * 20, "another format"),
@@ -209,8 +209,8 @@ def test_other_depths_are_refused(read, dtype):
         (by_pillow(GREY, "GIF"), "another format"),
     ],
 )
-def test_unfit_files(read, data, words):
-    assert words in refused(read, data)
+def test_unfit_files(read, data, phrase):
+    assert phrase in refused(read, data)
 
 
 def png_header(width: int, height: int) -> bytes:
@@ -306,7 +306,7 @@ def test_bytes_that_are_no_image(fuzzed, data):
 
 
 def test_places_without_an_image(tmp_path):
-    for path, words in (
+    for path, phrase in (
         (tmp_path / "missing.png", "No such file"),
         (tmp_path, "folder"),
         (tmp_path / "a\0b.png", "invalid name"),
@@ -314,7 +314,7 @@ def test_places_without_an_image(tmp_path):
     ):
         with pytest.raises(InputError) as caught:
             read_image(path)
-        assert words in str(caught.value)
+        assert phrase in str(caught.value)
         assert path.name in str(caught.value)
 
 
@@ -386,14 +386,14 @@ def test_unreadable_folder(folder, monkeypatch):
 
 
 def test_heic_is_said_in_folders_patterns_and_by_name(folder):
-    said = []
+    message = []
     for name in ("h.heic", "i.HEIC", "only/j.heif"):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(b"\0\0\0\x24ftypheic\0\0\0\0mif1heic")
-    assert len(find_images(["."], said.append)) == 3
-    assert said == [f".: {sentence('HEIC files', 2)}"]
-    for pattern, found in ((["*.[hH]*"], "2 HEIC files, which are not read"), (["only"], "1 HEIC file, which is not")):
-        with pytest.raises(InputError, match=f"images at .*found {found}.*"):
+    assert len(find_images(["."], message.append)) == 3
+    assert message == [f".: {sentence('HEIC files', 2)}"]
+    for pattern, result in ((["*.[hH]*"], "2 HEIC files, which are not read"), (["only"], "1 HEIC file, which is not")):
+        with pytest.raises(InputError, match=f"images at .*found {result}.*"):
             find_images(pattern)
     with pytest.raises(InputError, match="a HEIC file"):
         read_image(*find_images(["h.heic"]))

@@ -133,8 +133,8 @@ def test_a_body_with_a_camera(write):
     # T_marker_body = T_marker_camera T_camera_body.
     mount = Rotation.from_rotvec([0.3, -1.2, 0.4])
     arm = np.array([0.05, -0.02, 0.11])
-    turned = BACK * mount.inv()
-    file = write(rows(STAMPS, CENTER - turned.apply(arm), turned.as_quat()))
+    rotated = BACK * mount.inv()
+    file = write(rows(STAMPS, CENTER - rotated.apply(arm), rotated.as_quat()))
     body = write(rows(arm[None], mount.as_quat()[None], head="tx ty tz qx qy qz qw\n"), "arm.txt")
     options = {"poses_frame": "body", "camera_in_body": body}
     same(poses_as_stated(str(file), options))
@@ -146,7 +146,7 @@ def test_a_body_with_a_camera(write):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "phrase"),
     [
         ({"poses_frame": "body"}, "--poses-frame body with --camera-in-body FILE, found --poses-frame body alone"),
         ({"poses_frame": "world"}, "a known --poses-frame, found 'world'"),
@@ -154,16 +154,16 @@ def test_a_body_with_a_camera(write):
         ({"poses_unit": "px"}, "a known --poses-unit"),
     ],
 )
-def test_options_that_say_nothing(write, options, words):
+def test_options_that_say_nothing(write, options, phrase):
     path = write(rows(TUM, XYZW))
-    for text, expected in ((str(path), words), ("paper", "a file of poses with --poses-"), (None, "a file of poses")):
+    for text, expected in ((str(path), phrase), ("paper", "a file of poses with --poses-"), (None, "a file of poses")):
         with pytest.raises(InputError) as caught:
             poses_as_stated(text, options)
         assert expected in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         (FORMATS["euroc"][0], "--poses-frame for poses.txt, found poses that may be those of a body or of a camera"),
         (FORMATS["ros"][0], "--poses-frame for poses.txt"),
@@ -190,10 +190,10 @@ def test_options_that_say_nothing(write, options, words):
          "a comment about world to camera"),
     ],
 )  # fmt: skip
-def test_contradictions_and_what_is_open_are_refused(write, text, words):
+def test_contradictions_and_what_is_open_are_refused(write, text, phrase):
     with pytest.raises(InputError) as caught:
         read_poses(write(text))
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -243,17 +243,17 @@ def test_comments_about_other_things_state_nothing():
 
 
 @pytest.mark.parametrize(
-    ("poses", "words"),
+    ("poses", "phrase"),
     [
         (rows(TUM, WXYZ), "had the quaternion's w first"),
         (rows(STAMPS, 400 * CENTER, XYZW), "px wide: is the unit another?"),
         (rows(STAMPS, T, FORWARD), "held their inverses"),
     ],
 )
-def test_other_conventions_are_tried(write, poses, words):
+def test_other_conventions_are_tried(write, poses, phrase):
     recorded = read_poses(write(poses))
     try:
         doubt = recorded.seen_whole(Circle(0.05), PAPER_CAMERA).doubt
     except InputError as error:
         doubt = str(error)
-    assert words in doubt
+    assert phrase in doubt

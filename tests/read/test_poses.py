@@ -155,7 +155,7 @@ def test_tables_as_programs_write_them(write):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         ("", "an empty file"),
         (" \n\t\n", "an empty file"),
@@ -227,11 +227,11 @@ def test_tables_as_programs_write_them(write):
         (f"{QUATERNION}\n" + "1," * 5001, "at most 10000 characters at line 2 of poses.txt, found 10002"),
     ],
 )
-def test_each_defect_is_one_line_with_its_place(write, text, words):
+def test_each_defect_is_one_line_with_its_place(write, text, phrase):
     with pytest.raises(InputError) as caught:
         read_poses(write(text))
     message = str(caught.value)
-    assert words in message
+    assert phrase in message
     assert len(message.splitlines()) == 1
     assert len(message) < 500
 
@@ -267,12 +267,12 @@ def test_a_name_with_a_line_break_stays_in_its_line(write):
 
 
 def test_poses_from_any_wish(write, tmp_path, monkeypatch):
-    for name in (each for each in POSES if not POSES[each].form):
+    for name in (item for item in POSES if not POSES[item].form):
         assert poses_from(name).name == name
     np.testing.assert_array_equal(poses_from("paper").rotation, paper().rotation)
     assert len(poses_from("cone:count=7")) == 7
-    given = paper()
-    assert poses_from(given) is given
+    stated = paper()
+    assert poses_from(stated) is stated
     path = write(f"{QUATERNION}\n{GOOD}\n", "mine")
     assert poses_from(str(path)).name == "mine"
     monkeypatch.chdir(tmp_path)
@@ -291,16 +291,16 @@ def test_a_design_is_repeated_from_its_marker_without_the_file(write):
     translation[-10:, 2] = 0.15
     path = write(as_csv(rotation, translation), "arm.csv")
     spec = spec_from_mapping({"n": 4, "radius": 0.1, "restarts": 2, "poses": str(path)})
-    found = design(spec)
-    assert (len(found.setting.poses), found.setting.poses.dropped) == (50, 10)
+    actual = design(spec)
+    assert (len(actual.setting.poses), actual.setting.poses.dropped) == (50, 10)
     path.unlink()
-    data = to_json(found.marker)
+    data = to_json(actual.marker)
     marker = from_json(data.decode())
     assert marker.provenance["poses"] == {"name": "arm.csv", "count": 50, "dropped": 10}
     assert str(path.parent) not in data.decode()
     setting = setting_of(marker)
-    np.testing.assert_array_equal(setting.poses.rotation, found.setting.poses.rotation)
-    np.testing.assert_array_equal(setting.poses.translation, found.setting.poses.translation)
+    np.testing.assert_array_equal(setting.poses.rotation, actual.setting.poses.rotation)
+    np.testing.assert_array_equal(setting.poses.translation, actual.setting.poses.translation)
     assert (setting.poses.name, setting.poses.dropped) == ("arm.csv", 10)
     again = spec_from_mapping(marker.provenance["spec"], stored=True)
     assert again == spec
@@ -312,18 +312,18 @@ def test_a_design_is_repeated_from_its_marker_without_the_file(write):
 def test_of_a_long_file_the_marker_keeps_the_poses_that_it_was_designed_for(write):
     rotation, translation = Cone((0.5, 1.5), (30, 60), count=2500).sample()
     spec = spec_from_mapping({"n": 4, "restarts": 1, "poses": str(write(as_tum(rotation, translation), "way.txt"))})
-    found = design(spec)
-    seen = found.setting.poses
+    actual = design(spec)
+    seen = actual.setting.poses
     assert len(seen) == 2000
-    stored = found.marker.provenance["spec"]["poses"]
+    stored = actual.marker.provenance["spec"]["poses"]
     assert (stored["file"], len(stored["rows"]), stored["sampled_from"]) == ("way.txt", 2000, seen.sampled_from)
     assert stored["dropped"] == 2500 - seen.sampled_from == seen.dropped > 0
-    assert found.marker.provenance["poses"]["name"] == f"way.txt, a sample of {seen.sampled_from}"
-    assert found.marker.provenance["spec_hash"] == spec.hash
-    again = setting_of(from_json(to_json(found.marker).decode())).poses
+    assert actual.marker.provenance["poses"]["name"] == f"way.txt, a sample of {seen.sampled_from}"
+    assert actual.marker.provenance["spec_hash"] == spec.hash
+    again = setting_of(from_json(to_json(actual.marker).decode())).poses
     np.testing.assert_array_equal(again.rotation, seen.rotation)
     assert (again.name, again.dropped) == (seen.name, seen.dropped)
-    assert len(to_json(found.marker)) < 500_000
+    assert len(to_json(actual.marker)) < 500_000
 
 
 def test_a_marker_names_no_files(write):
@@ -345,7 +345,7 @@ def test_what_a_marker_carries_is_read():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"rows": []}, "rows: List should have at least 1 item"),
         ({"rows": ["0 0 1 1 0 0 0"] * 2001}, "rows: List should have at most 2000 items"),
@@ -362,10 +362,10 @@ def test_what_a_marker_carries_is_read():
         ({"more": 1}, "more: unknown key"),
     ],
 )
-def test_what_a_marker_carries_is_checked(change, words):
+def test_what_a_marker_carries_is_checked(change, phrase):
     with pytest.raises(InputError) as caught:
         spec_from_mapping({"n": 5, "poses": STORED | change}, "provenance.spec", stored=True)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "poses: " in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -377,8 +377,8 @@ def test_poses_are_text_or_a_table(value):
 
 
 @pytest.mark.parametrize(
-    ("poses", "words"), [(np.zeros((4, 5)), r"shape \(4, 5\); give"), (np.ones((3, 4, 4)), "0 0 0 1; transpose")]
+    ("poses", "phrase"), [(np.zeros((4, 5)), r"shape \(4, 5\); give"), (np.ones((3, 4, 4)), "0 0 0 1; transpose")]
 )
-def test_arrays_that_are_no_poses_are_known_by_their_shape(poses, words):
-    with pytest.raises(InputError, match=words):
+def test_arrays_that_are_no_poses_are_known_by_their_shape(poses, phrase):
+    with pytest.raises(InputError, match=phrase):
         poses_from(poses)

@@ -72,7 +72,7 @@ def test_csv_says_the_same(folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         ({"name": "twice"}, "the name twice twice"),
         ({"radius": 0.1, "boundary": "rect:0.1x0.1"}, "radius and boundary"),
@@ -84,10 +84,10 @@ def test_csv_says_the_same(folder):
         ({"diameter": 1}, "diameter"),
     ],
 )
-def test_mistakes_are_told_with_their_places(folder, change, words):
+def test_mistakes_are_told_with_their_places(folder, change, phrase):
     plate = {key: value for key, value in {"name": "a", "radius": 0.05, **change}.items() if value is not None}
     (folder / "p.json").write_text(json.dumps({"plates": [plate, {"name": "twice", "radius": 0.05}]}))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=phrase):
         read_plates(folder / "p.json")
 
 
@@ -95,10 +95,10 @@ def test_a_rig_from_a_list_keeps_the_markers_that_it_names(folder):
     other = build_marker(SQUARE * [1, 0.8], Circle(0.06), diameter=0.02, clearance=0.002)
     (folder / "other.json").write_bytes(to_json(other))
     (folder / "p.csv").write_text("name,marker,x\none,front.json,-0.1\ntwo,other.json,0.1\n")
-    found = mg.rig(str(folder / "p.csv"), poses="cone:distance=0.5..1,tilt=10..50,count=20", n=4)
-    assert [each.marker for each in found.rig.markers] == [MARKER, other]
-    assert found.rig.markers[1].translation == (0.1, 0, 0)
-    assert "the given markers" in str(found)
+    rig = mg.rig(str(folder / "p.csv"), poses="cone:distance=0.5..1,tilt=10..50,count=20", n=4)
+    assert [marker.marker for marker in rig.rig.markers] == [MARKER, other]
+    assert rig.rig.markers[1].translation == (0.1, 0, 0)
+    assert "the given markers" in str(rig)
     with pytest.raises(InputError, match="--edge"):
         mg.rig(str(folder / "p.csv"), edge="10mm")
 

@@ -221,8 +221,8 @@ def test_files_beside_the_photographs(case, here):
 def test_a_list_of_records():
     text = json.dumps(
         [
-            {"image": f"{name}.png", "position": list(place), "quaternion": dict(zip("xyzw", turn, strict=True))}
-            for name, place, turn in zip(NAMES, MM, QUATERNIONS, strict=True)
+            {"image": f"{name}.png", "position": list(place), "quaternion": dict(zip("xyzw", rotation, strict=True))}
+            for name, place, rotation in zip(NAMES, MM, QUATERNIONS, strict=True)
         ]
     )
     check(reading(text, "poses.json", **STATED))

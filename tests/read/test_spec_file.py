@@ -78,8 +78,8 @@ def test_arcs_are_part_of_a_spec():
     straight = {"kind": "polygon", "outlines": [[[0.0, 0.0], [0.1, 0.0]]]}
     with pytest.raises(InputError, match=r"boundary\.outlines\[0\]: List .* 3 items"):
         spec_from_mapping({"boundary": straight})
-    for bulges, words in (([[1.0]], "bulges"), ([[2.0, 0.0]], r"boundary\.bulges\[0\]\[0\]"), ([], "boundary.bulges")):
-        with pytest.raises(InputError, match=words):
+    for bulges, phrase in (([[1.0]], "bulges"), ([[2.0, 0.0]], r"boundary\.bulges\[0\]\[0\]"), ([], "boundary.bulges")):
+        with pytest.raises(InputError, match=phrase):
             spec_from_mapping({"boundary": {**straight, "bulges": bulges}})
 
 
@@ -126,14 +126,14 @@ def test_lengths_may_carry_units():
 def test_all_errors_are_listed_with_their_paths():
     with pytest.raises(InputError) as caught:
         spec_from_mapping({"n": "many", "radius": "wide", "camera": {"width": 640}, "color": "red"}, "my.toml")
-    for words in (
+    for phrase in (
         "my.toml",
         "n: Input should be a valid integer (got 'many')",
         "radius: write a number and one of m, ",
         "camera.height: missing",
         "color: unknown key, did you mean 'colors'? (got 'red')",
     ):
-        assert words in str(caught.value)
+        assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -144,7 +144,7 @@ def test_what_is_no_table_is_refused(values):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({"n": True}, "n: Input should be a valid integer (got True)"),
         ({"n": 5.0}, "n: Input should be a valid integer (got 5.0)"),
@@ -184,10 +184,10 @@ def test_what_is_no_table_is_refused(values):
         ),
     ],
 )
-def test_each_unfit_value_is_named(values, words):
+def test_each_unfit_value_is_named(values, phrase):
     with pytest.raises(InputError) as caught:
         spec_from_mapping(values)
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -283,7 +283,7 @@ def test_a_plate_with_units_and_holes_as_on_the_command_line():
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("table", "phrase"),
     [
         (3, "substrate: should be a table of values"),
         ({"thickness": "thin"}, "substrate.thickness: Input should be a valid number (got 'thin')"),
@@ -297,10 +297,10 @@ def test_a_plate_with_units_and_holes_as_on_the_command_line():
         ({"color": "white"}, "substrate.color: unknown key"),
     ],
 )
-def test_what_is_wrong_with_a_plate_is_named(table, words):
+def test_what_is_wrong_with_a_plate_is_named(table, phrase):
     with pytest.raises(InputError) as caught:
         spec_from_mapping({"substrate": table})
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)
     assert "\n" not in str(caught.value)
     # Not the whole table around it.
     assert "(got {" not in str(caught.value)

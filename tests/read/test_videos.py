@@ -35,10 +35,10 @@ def test_every_frame_of_a_file_in_order(tmp_path, code):
     with open_video(path, (640, 480)) as video:
         assert (video.live, video.count, video.rate, video.notes) == (False, 12, pytest.approx(30), [])
         frames = list(video)
-    assert [each.number for each in frames] == list(range(12))
-    assert [each.dropped for each in frames] == [0] * 12
-    assert {each.clock for each in frames} == {None}
-    np.testing.assert_allclose([each.time for each in frames], np.arange(12) / 30, atol=1e-6)
+    assert [item.number for item in frames] == list(range(12))
+    assert [item.dropped for item in frames] == [0] * 12
+    assert {item.clock for item in frames} == {None}
+    np.testing.assert_allclose([item.time for item in frames], np.arange(12) / 30, atol=1e-6)
     for k, frame in enumerate(frames):
         assert frame.image.shape == (32, 48, 3)
         # Coded with losses, of less than half of what frames differ by.
@@ -53,13 +53,13 @@ def test_of_a_camera_the_newest_frame_and_the_number_of_the_others(camera):
         for count in (0, 3, 1, 1, 6):
             plugged.deliver(count)
             seen.append(next(frames))
-            assert video.dropped == sum(each.dropped for each in seen)
+            assert video.dropped == sum(item.dropped for item in seen)
         plugged.deliver()
         with pytest.raises(InputError, match="camera 0, found its end"):
             next(frames)
-    assert [each.number for each in seen] == [0, 3, 4, 5, 11]
-    assert [each.dropped for each in seen] == [0, 2, 0, 0, 5]
-    assert [each.image[0, 0, 0] for each in seen] == [0, 30, 40, 50, 110]
+    assert [item.number for item in seen] == [0, 3, 4, 5, 11]
+    assert [item.dropped for item in seen] == [0, 2, 0, 0, 5]
+    assert [item.image[0, 0, 0] for item in seen] == [0, 30, 40, 50, 110]
     # It was asked for frames of the calibration's size.
     assert plugged.asked[cv2.CAP_PROP_FRAME_WIDTH] == 1920
     assert plugged.asked[cv2.CAP_PROP_FRAME_HEIGHT] == 1080
@@ -109,7 +109,7 @@ def test_time_stamps_increase(camera, monkeypatch):
     camera(flat(4))
     monkeypatch.setattr(videos, "_kind", lambda source: "file")
     with open_video("a.mp4") as video:
-        times = [each.time for each in video]
+        times = [item.time for item in video]
     np.testing.assert_allclose(times, [0, 0.04, 0.08, 0.12])
     assert video.notes == [videos.TIME_NOTE]
 
@@ -126,11 +126,11 @@ def test_a_rotation_is_ignored_and_told(tmp_path):
     assert cv2.VideoCapture(str(path)).read()[1].shape == (48, 32, 3)
     with open_video(path) as video:
         assert video.notes == [videos.TURN_NOTE]
-        assert [each.image.shape for each in video] == [(32, 48, 3)] * 2
+        assert [item.image.shape for item in video] == [(32, 48, 3)] * 2
 
 
 @pytest.mark.parametrize(
-    ("source", "said"),
+    ("source", "message"),
     [
         ("none.mp4", "a readable video none.mp4, found no such file; check the path"),
         ("text.mp4", "a readable video text.mp4, found one that is damaged or not a video"),
@@ -141,14 +141,14 @@ def test_a_rotation_is_ignored_and_told(tmp_path):
         ("nosuch://x", "a stream at nosuch://x, found none that opens"),
     ],
 )
-def test_what_cannot_be_opened_is_one_line(tmp_path, monkeypatch, capfd, source, said):
+def test_what_cannot_be_opened_is_one_line(tmp_path, monkeypatch, capfd, source, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.mp4").write_text("no video\n" * 100)
     write_video(tmp_path / "whole.mp4", flat(12), code="mp4v")
     (tmp_path / "cut.mp4").write_bytes((tmp_path / "whole.mp4").read_bytes()[:-500])
     with pytest.raises(InputError) as caught:
         open_video(source)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     # OpenCV and FFmpeg would say more.
     assert capfd.readouterr() == ("", "")
 

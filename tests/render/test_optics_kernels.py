@@ -30,8 +30,8 @@ def test_kernels_keep_the_light_and_its_place(kernel):
 @pytest.mark.parametrize("radius", [1.0, 4.6, 13.0])
 def test_disk_is_spread_as_a_disk(radius):
     # A disk's variance is r^2/4; the cells in which it is counted add a twelfth in the mean, up to a sixth.
-    found = moments(disk_kernel(radius))
-    np.testing.assert_allclose(found, (radius**2 / 4 + 1 / 12) * np.eye(2), rtol=0, atol=1 / 12)
+    result = moments(disk_kernel(radius))
+    np.testing.assert_allclose(result, (radius**2 / 4 + 1 / 12) * np.eye(2), rtol=0, atol=1 / 12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 135.0])

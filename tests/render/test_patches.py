@@ -58,9 +58,9 @@ def test_circles_become_the_ellipses_of_their_conics(pose):
     # A third larger than the dot appears: magnification changes across it.
     patch = Patch((circle_polygon(np.array([0.07, -0.1, 0]), 0.018, circle_vertices(4 / 3 * semi[0])),), 0)
     (outline,) = project_patches([patch], PAPER_CAMERA, rotation, translation)[0]
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     for points in (outline, (outline + np.roll(outline, -1, axis=0)) / 2):
-        unit = (points - center) @ turn / semi
+        unit = (points - center) @ R / semi
         level, slope = np.sum(unit**2, axis=-1) - 1, 2 * np.linalg.norm(unit / semi, axis=-1)
         # Distance from the ellipse to first order.
         assert np.abs(level / slope).max() <= CIRCLE_ERROR_PX
@@ -136,8 +136,8 @@ def test_upright_patches_are_seen_from_both_sides(ink_of):
     before, behind = (ink_of([wall], PAPER_CAMERA, rotation, translation + rotation @ [0, y, 0]) for y in (1.0, -3.0))
     assert before.sum() == pytest.approx(160 * 160, rel=0.05)
     assert not behind.any()
-    turn = np.diag([-1.0, -1, 1])
-    assert ink_of([wall], PAPER_CAMERA, rotation @ turn, translation + rotation @ [0, 1.0, 0]).sum() == pytest.approx(
+    R = np.diag([-1.0, -1, 1])
+    assert ink_of([wall], PAPER_CAMERA, rotation @ R, translation + rotation @ [0, 1.0, 0]).sum() == pytest.approx(
         before.sum(), rel=1e-6
     )
 

@@ -24,8 +24,8 @@ def test_background_ends_at_the_plate(pentagon):
         pixels = np.rint(PAPER_CAMERA.project(rim, POSE[0][None], POSE[1][None])[0]).astype(int)
         pixels = pixels[PAPER_CAMERA.sees(pixels)]
         assert len(pixels) > 100
-        shown = image[pixels[:, 1], pixels[:, 0]]
-        np.testing.assert_array_equal(shown, 225 if inside else texture[pixels[:, 1], pixels[:, 0]])
+        printed = image[pixels[:, 1], pixels[:, 0]]
+        np.testing.assert_array_equal(printed, 225 if inside else texture[pixels[:, 1], pixels[:, 0]])
 
 
 def test_levels_beyond_ink_and_substrate_come_out_as_they_are(pentagon):

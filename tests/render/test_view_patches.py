@@ -41,16 +41,16 @@ def test_pillars_hide_what_rays_do_not_reach(pose, distortion, ink_of, traced):
     rotation, translation = POSES.rotation[pose], 0.6 * POSES.translation[pose]
     eye = -rotation.T @ translation
     patches = marker_patches(RELIEF, eye=eye)
-    found = ink_of(patches, camera, rotation, translation)
-    difference = np.abs(found - traced(RELIEF, camera, rotation, translation))
+    result = ink_of(patches, camera, rotation, translation)
+    difference = np.abs(result - traced(RELIEF, camera, rotation, translation))
     # Two straight edges through 16 x 16 points are each counted to half a row, 1/32. Pixels through which outlines of
     # two things pass are mixed as if these had nothing to do with each other; there are few of them.
     assert np.mean(difference > 1 / 16) < 4e-3
     assert difference.max() < 0.25
     # A sum of some hundred such errors, half of which are of one sign.
-    assert difference.sum() < 0.01 * found.sum() + 1
+    assert difference.sum() < 0.01 * result.sum() + 1
     unhidden = ink_of(inks(patches), camera, rotation, translation).sum()
-    assert (unhidden > found.sum() + 5) == (POSES.polar_angle_deg[pose] > 1)
+    assert (unhidden > result.sum() + 5) == (POSES.polar_angle_deg[pose] > 1)
 
 
 def test_camera_below_a_pillars_top_sees_its_side_and_not_its_dot(ink_of, traced):
@@ -58,10 +58,10 @@ def test_camera_below_a_pillars_top_sees_its_side_and_not_its_dot(ink_of, traced
     tilt = np.deg2rad(80)
     ahead, down = np.array([0, np.sin(tilt), -np.cos(tilt)]), np.array([0, -np.cos(tilt), -np.sin(tilt)])
     rotation, eye = np.stack([np.cross(down, ahead), down, ahead]), np.array([0, -0.25, 0.06])
-    found = ink_of(marker_patches(RELIEF, eye=eye), camera, rotation, -rotation @ eye)
+    result = ink_of(marker_patches(RELIEF, eye=eye), camera, rotation, -rotation @ eye)
     # As above.
-    np.testing.assert_allclose(found, traced(RELIEF, camera, rotation, -rotation @ eye), rtol=0, atol=0.25)
-    assert found.sum() > 5
+    np.testing.assert_allclose(result, traced(RELIEF, camera, rotation, -rotation @ eye), rtol=0, atol=0.25)
+    assert result.sum() > 5
 
 
 def test_without_relief_all_dots_are_drawn_in_their_order():
@@ -77,9 +77,9 @@ def test_without_relief_all_dots_are_drawn_in_their_order():
 def test_a_light_marker_has_the_same_outlines_in_the_other_color():
     dark = replace(RELIEF, tag=Tag("aruco:DICT_4X4_50", 7, 0.04))
     eye = np.array([0.1, -0.2, 0.5])
-    for own, other in zip(marker_patches(dark, eye=eye), marker_patches(light_marker(dark), eye=eye), strict=True):
-        assert other.reflectance == SUBSTRATE + INK - own.reflectance
-        np.testing.assert_array_equal(np.concatenate(other.outlines), np.concatenate(own.outlines))
+    for ours, other in zip(marker_patches(dark, eye=eye), marker_patches(light_marker(dark), eye=eye), strict=True):
+        assert other.reflectance == SUBSTRATE + INK - ours.reflectance
+        np.testing.assert_array_equal(np.concatenate(other.outlines), np.concatenate(ours.outlines))
 
 
 def test_plate_reaches_a_margin_beyond_the_boundary():
@@ -119,7 +119,7 @@ def test_bare_points_are_not_drawn():
 
 def test_a_tag_is_painted_on_the_plate():
     tag = Tag("aruco:DICT_4X4_50", 7, 0.06, (0.01, -0.02))
-    plain, tagged = (marker_patches(replace(RELIEF, tag=each)) for each in (None, tag))
+    plain, tagged = (marker_patches(replace(RELIEF, tag=item)) for item in (None, tag))
     assert len(tagged) == len(plain) + 1
     # Before the dots, whose pillars may hide it.
     assert tagged[1].reflectance == INK

@@ -42,11 +42,11 @@ def test_a_view_shows_what_rays_meet(rig):
         eye = -rotation.T @ translation
         owner, places = first_hits(rig, eye, rays @ rotation)
         grey = np.full(len(rays), BEHIND)
-        for k, each in enumerate(rig.markers):
-            facing = each.to_marker(eye)[2] > 0
+        for k, marker in enumerate(rig.markers):
+            facing = marker.to_marker(eye)[2] > 0
             mine = np.flatnonzero((owner == k) & (facing or not rig.is_convex))
-            radii = [[p.feature.diameter / 2, p.feature.inner_diameter / 2] for p in each.marker.control_points]
-            far = np.linalg.norm(places[mine, None] - each.marker.xyz[:, :2], axis=-1)[..., None]
+            radii = [[p.feature.diameter / 2, p.feature.inner_diameter / 2] for p in marker.marker.control_points]
+            far = np.linalg.norm(places[mine, None] - marker.marker.xyz[:, :2], axis=-1)[..., None]
             grey[mine] = np.where(facing & (np.sum(far < radii, axis=-1) == 1).any(axis=-1), 0, 200)
         grey = grey.reshape(-1, len(offsets))
         # Edges within a pixel are for other tests.
@@ -85,10 +85,10 @@ def test_nothing_shows_through_the_edge_of_a_cube():
 def test_the_faces_of_a_cube_are_found_at_their_poses():
     rig, (rotation, translation) = cube(seed=10), toward([0.5, 0.6, 0.65], 0.25)
     image = render_view(rig, PAPER_CAMERA, rotation, translation, Optics(), np.random.default_rng(0), Scenery(40.0))
-    facing = [each for each in rig.markers if each.to_marker(-rotation.T @ translation)[2] > 0.05]
+    facing = [marker for marker in rig.markers if marker.to_marker(-rotation.T @ translation)[2] > 0.05]
     assert len(facing) == 3
-    for each in facing:
-        turn, shift = each.camera_pose(rotation, translation)
-        (found,) = mg.Detector(each.marker, PAPER_CAMERA)(image)
-        assert np.arccos((np.trace(found.rotation.T @ turn) - 1) / 2) < np.deg2rad(0.5)
-        assert found.translation == pytest.approx(shift, abs=1e-3)
+    for marker in facing:
+        R, offset = marker.camera_pose(rotation, translation)
+        (finding,) = mg.Detector(marker.marker, PAPER_CAMERA)(image)
+        assert np.arccos((np.trace(finding.rotation.T @ R) - 1) / 2) < np.deg2rad(0.5)
+        assert finding.translation == pytest.approx(offset, abs=1e-3)

@@ -96,7 +96,7 @@ def test_a_chamfer_that_reaches_a_hole_of_the_outline_is_told(make_ngon):
     bend = [(-60, -60), (60, -60), (60, 0), (0, 0), (0, 60), (-60, 60)]
     # Around a bend the chamfer is wider by sqrt(2).
     for corners, x, y, most in [(square, -58.2, 20, 0.79), (bend, -1.4, -1.4, 0.68)]:
-        drawn = [placed(each, 1e-3) for each in (Contour(tuple(corners)), circle(1, x, y, hole=True))]
+        drawn = [placed(item, 1e-3) for item in (Contour(tuple(corners)), circle(1, x, y, hole=True))]
         marker = replace(make_ngon(5, 0.05, 0.01), boundary=polygon_from(drawn, "file"))
         with pytest.raises(InputError, match=f"before the holes .* --chamfer {most}mm,"):
             plate_of(made(marker, chamfer=0.001))
@@ -146,22 +146,22 @@ def test_the_face_may_be_lower(make_ngon):
 
 def test_each_plate_gets_what_lies_in_it(shapes, make_in):
     plate = plate_of(make_in(shapes["two squares"], 5, 0.01))
-    found = plate.parts(0.0, [cylinder(80, 0, 1, -1, 0)], [cylinder(-80, 0, 1, -1, 0)], [cylinder(80, 9, 1, 0, 1)])
-    found.sort(key=lambda part: part.add[0].outer.points[0][0])
-    assert [(len(part.add), len(part.cut), len(part.marked)) for part in found] == [(1, 0, 1), (2, 1, 0)]
-    assert isinstance(found[0], Part)
+    results = plate.parts(0.0, [cylinder(80, 0, 1, -1, 0)], [cylinder(-80, 0, 1, -1, 0)], [cylinder(80, 9, 1, 0, 1)])
+    results.sort(key=lambda part: part.add[0].outer.points[0][0])
+    assert [(len(part.add), len(part.cut), len(part.marked)) for part in results] == [(1, 0, 1), (2, 1, 0)]
+    assert isinstance(results[0], Part)
 
 
 def arcs_plate():
     """200 x 120 mm with fillets of 15, a slot of 50 x 10, a D of radius 10 cut at 6, and a hole of 8.5."""
-    q, turn = tan(pi / 8), 2 * pi - 2 * acos(0.6)
+    q, rotation = tan(pi / 8), 2 * pi - 2 * acos(0.6)
     points = [(-85, -60), (85, -60), (100, -45), (100, 45), (85, 60), (-85, 60), (-100, 45), (-100, -45)]
     outer = Contour(tuple(points), (0, q) * 4)
     slot = Contour(((-60, -40), (-20, -40), (-20, -30), (-60, -30)), (0, 1, 0, 1))
-    d_hole = Contour(((56, 8), (40, 0), (56, -8)), (tan(turn / 8), tan(turn / 8), 0))
+    d_hole = Contour(((56, 8), (40, 0), (56, -8)), (tan(rotation / 8), tan(rotation / 8), 0))
     hole = circle(4.25, -80.0, 40.0)
     contours = [placed(contour, 1e-3, digits=12) for contour in (outer, slot, d_hole, hole)]
-    lost = [400 + pi * 25, 100 * (turn / 2) + 6 * 8, pi * 4.25**2]
+    lost = [400 + pi * 25, 100 * (rotation / 2) + 6 * 8, pi * 4.25**2]
     return polygon_from(contours), 200 * 120 - (4 - pi) * 225 - sum(lost)
 
 

@@ -6,9 +6,9 @@ from dask_cluster import Cluster
 
 @pytest.fixture
 def cluster(tmp_path_factory):
-    found = Cluster(tmp_path_factory.mktemp("cluster"), workers=2)
-    yield found
-    found.end()
+    result = Cluster(tmp_path_factory.mktemp("cluster"), workers=2)
+    yield result
+    result.end()
 
 
 @pytest.fixture
@@ -17,9 +17,9 @@ def strangers(tmp_path_factory):
     folder = tmp_path_factory.mktemp("strangers")
     # In place of what may be installed there.
     (folder / "markergen.py").write_text("raise ImportError('no markergen here')")
-    found = Cluster(folder, workers=1, paths=[folder])
-    yield found
-    found.end()
+    result = Cluster(folder, workers=1, paths=[folder])
+    yield result
+    result.end()
 
 
 @pytest.fixture

@@ -85,17 +85,17 @@ def test_finished_cells_are_never_computed_again_but_spoiled_ones_are(alone, tmp
 
 
 def test_progress_counts_and_tells_the_time_left(tmp_path):
-    told = []
+    output = []
     run_cells(
         slow_noise, cells(4), tmp_path, IDENTITY, ENGINES["serial"](),
-        progress=lambda *parts: told.append(parts), cost=lambda cell: 0.5 + cell.settings["index"],
+        progress=lambda *parts: output.append(parts), cost=lambda cell: 0.5 + cell.settings["index"],
     )  # fmt: skip
-    assert [(done, total) for done, total, _ in told] == [(done, 4) for done in range(5)]
-    assert math.isnan(told[0][2])
-    assert told[1][2] > 0.29
+    assert [(done, total) for done, total, _ in output] == [(done, 4) for done in range(5)]
+    assert math.isnan(output[0][2])
+    assert output[1][2] > 0.29
     # 100 ms were two parts of eight: six more to come. Between sleeping and waking a loaded machine takes its time.
-    assert 0.29 < told[2][2] < 6
-    assert told[-1][2] == 0
+    assert 0.29 < output[2][2] < 6
+    assert output[-1][2] == 0
 
 
 def test_an_error_of_a_cell_ends_the_study_and_leaves_what_is_finished(tmp_path):

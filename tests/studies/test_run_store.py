@@ -23,11 +23,11 @@ def test_what_is_read_is_what_was_written(tmp_path, cell):
         assert not store.holds(cell)
         store.write(cell, result)
         assert store.holds(cell)
-        found = store.read(cell)
-    assert list(found) == list(result)
+        results = store.read(cell)
+    assert list(results) == list(result)
     for name, array in result.items():
-        assert found[name].dtype == array.dtype
-        np.testing.assert_array_equal(found[name], array)
+        assert results[name].dtype == array.dtype
+        np.testing.assert_array_equal(results[name], array)
 
 
 def test_numpy_reads_the_files_too(tmp_path, cell):

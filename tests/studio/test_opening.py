@@ -64,9 +64,9 @@ def test_a_marker_of_unknown_origin_is_opened_too(pentagon):
 
 def test_a_marker_that_was_measured_is_opened_as_designed_and_says_so(pentagon):
     printed = mg.rescale(pentagon, measured_x="198mm", measured_y="198mm").marker
-    found = opened_file("measured.json", to_json(printed))
-    assert np.allclose(found["options"]["points"], pentagon.xyz[:, :2], atol=1e-12)
-    assert "measured on a print" in found["note"]
+    results = opened_file("measured.json", to_json(printed))
+    assert np.allclose(results["options"]["points"], pentagon.xyz[:, :2], atol=1e-12)
+    assert "measured on a print" in results["note"]
     assert "note" not in opened_file("marker.json", to_json(pentagon))
 
 
@@ -85,8 +85,8 @@ def test_every_kind_of_file_is_known():
     camera = opened_file("camera.yaml", CAMERA)["camera"]
     assert spec_from_mapping({"camera": camera}).camera.fy == 810
     assert opened_file("camera.yaml", CAMERA)["camera_covariance"] is None
-    known = CAMERA + b"camera_parameters: [fx, fy, cx, cy]\ncamera_covariance: " + str(COVARIANCE).encode()
-    taken = opened_file("camera.yaml", known)
+    reference = CAMERA + b"camera_parameters: [fx, fy, cx, cy]\ncamera_covariance: " + str(COVARIANCE).encode()
+    taken = opened_file("camera.yaml", reference)
     assert (taken["camera"], taken["camera_covariance"]) == (camera, COVARIANCE)
     assert opened_file("dots.csv", b"x_mm,y_mm\n0,50\n50,0\n-50,0\n0,-50\n")["points"][0] == [0, 0.05]
     poses = opened_file("p.csv", b"tx,ty,tz,rx,ry,rz\n0,0,1,3.14159,0,0\n")["poses"]
@@ -120,7 +120,7 @@ def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "said"),
+    ("name", "data", "message"),
     [
         ("photo.exe", b"MZ", "a marker.json, rig.json, spec"),
         ("marker.json", b"{", "complete JSON in marker.json"),
@@ -135,11 +135,11 @@ def test_a_rig_is_opened_whole_and_names_no_files(pentagon):
         ("", b"\0", "file"),
     ],
 )
-def test_what_cannot_be_used_is_told_by_the_name_it_was_given(name, data, said, tmp_path):
+def test_what_cannot_be_used_is_told_by_the_name_it_was_given(name, data, message, tmp_path):
     with pytest.raises(mg.InputError) as caught:
         opened_file(name, data)
     line = str(caught.value)
-    assert said in line
+    assert message in line
     assert "tmp" not in line
     assert "\n" not in line
 

@@ -38,7 +38,7 @@ def test_a_room_takes_its_center_and_what_lies_there_along(room, center, radius)
         np.testing.assert_allclose(np.array(other.center), np.subtract(one.center, center), atol=1e-9)
         assert other.radius == pytest.approx(one.radius)
     # What was typed can be typed again.
-    assert [type(each) for each in after["keep_out"]] == [str, str, dict]
+    assert [type(item) for item in after["keep_out"]] == [str, str, dict]
     assert after["dot"] == "5mm"
     assert after["drawing_center"] == pytest.approx(np.add((1, 2), center))
 
@@ -57,8 +57,8 @@ def test_one_keep_out_is_moved_and_what_is_drawn_is_in_whole_micrometers():
     state = with_region({"options": first, "move": {"index": 0, "by": [0.001, 0.02]}})["options"]
     assert state["keep_out"] == ["rect:4mmx4mm@1.0mm,20.0mm", first["keep_out"][1]]
     assert [
-        each["words"]
-        for each in look({**state, "points": "0mm,90mm; 90mm,0mm; -60mm,0mm; 0mm,-90mm"})["room"]["keep_outs"]
+        item["words"]
+        for item in look({**state, "points": "0mm,90mm; 90mm,0mm; -60mm,0mm; 0mm,-90mm"})["room"]["keep_outs"]
     ] == [
         sentence("polygon of", "4 mm x 4 mm at 1.00, 20.00 mm"),
         sentence("disk", "10 mm at -107.69, 0.00 mm"),
@@ -66,7 +66,7 @@ def test_one_keep_out_is_moved_and_what_is_drawn_is_in_whole_micrometers():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"room": {"kind": "polygon", "outlines": CROSSED}}, "expected outlines that do not cross"),
         ({"room": {"kind": "polygon", "outlines": [[[0, 0], [0.1, 0], [0.2, 0]]]}}, "an area in outline 1"),
@@ -78,8 +78,8 @@ def test_one_keep_out_is_moved_and_what_is_drawn_is_in_whole_micrometers():
         ({}, "a table under move"),
     ],
 )
-def test_what_is_no_region_is_refused(change, said):
-    with pytest.raises(InputError, match=said):
+def test_what_is_no_region_is_refused(change, message):
+    with pytest.raises(InputError, match=message):
         with_region({"options": {"keep_out": ["rect:4mmx4mm"]}, **change})
 
 
@@ -88,5 +88,5 @@ def test_a_keep_out_of_the_sheet_of_a_room_is_that_of_the_command():
     room = opened_file("plate.svg", sheet.format('<path d="M20,20 h200 v160 h-200 z"/>').encode())
     hole = sheet.format('<circle cx="50" cy="50" r="10"/>').encode()
     keep_out = opened_file("holes.svg", hole, origin=room["center"])["keep_out"]
-    [found] = spec_of_options({"boundary": room["boundary"], "keep_out": [keep_out]}).keep_outs
-    assert found.center == pytest.approx((-0.07, 0.05))
+    [result] = spec_of_options({"boundary": room["boundary"], "keep_out": [keep_out]}).keep_outs
+    assert result.center == pytest.approx((-0.07, 0.05))

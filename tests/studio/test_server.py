@@ -48,8 +48,8 @@ def test_a_name_that_leads_here_is_refused(studio, host):
 
 def test_both_own_names_are_let_in(studio):
     for name in ("127.0.0.1", "localhost"):
-        own = f"{name}:{studio.port}"
-        assert studio.get("options", Host=own, Origin=f"http://{own}").status == 200
+        ours = f"{name}:{studio.port}"
+        assert studio.get("options", Host=ours, Origin=f"http://{ours}").status == 200
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
@@ -76,9 +76,9 @@ def test_every_answer_forbids_what_is_not_our_own(studio):
 def test_what_is_no_request_is_told_in_one_line(studio, name, body):
     answer = studio.post(name, body)
     assert answer.status == 422
-    said = answer.json
-    assert said["line"] == f"expected {said['expected']}, found {said['found']}; {said['remedy']}"
-    assert "\n" not in said["line"]
+    message = answer.json
+    assert message["line"] == f"expected {message['expected']}, found {message['found']}; {message['remedy']}"
+    assert "\n" not in message["line"]
 
 
 def test_a_request_has_a_size_limit(studio, monkeypatch):

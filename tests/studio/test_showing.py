@@ -115,10 +115,10 @@ def test_dots_have_to_be_there(studio):
 
 def test_a_body_is_shown_with_its_poses(studio, options, pair):
     for asked, size in (({"options": options}, 0.3), ({"rig": json.loads(rig_to_json(pair))}, 0.15)):
-        found = studio.post("scene", asked).json
-        body = trimesh.load(io.BytesIO(base64.b64decode(found["glb"])), file_type="glb")
+        results = studio.post("scene", asked).json
+        body = trimesh.load(io.BytesIO(base64.b64decode(results["glb"])), file_type="glb")
         assert body.extents.max() > size
-        poses = found["poses"]
+        poses = results["poses"]
         far = np.sqrt(np.sum([np.square(poses[axis]) for axis in "xyz"], axis=0))
         assert far == pytest.approx(poses["distance"])
         lean = np.rad2deg(np.arccos(np.clip(np.array(poses["z"]) / far, -1, 1)))
@@ -128,25 +128,25 @@ def test_a_body_is_shown_with_its_poses(studio, options, pair):
 def test_a_body_is_shown_with_the_errors_of_validate(studio, options, pair):
     marker = studio.post("export", {"options": options, "suffix": ".json"}).json
     for asked, what in (({"marker": marker}, load_marker(marker)), ({"rig": json.loads(rig_to_json(pair))}, pair)):
-        found = studio.post("scene", asked).json
+        results = studio.post("scene", asked).json
         expected = mg.validate(what, runs=0, views=0).budget["rotation_deg"]["total"]
-        seen = np.array([each for each in found["poses"]["rotation"] if each is not None])
+        seen = np.array([item for item in results["poses"]["rotation"] if item is not None])
         assert np.sqrt(np.mean(seen**2)) == pytest.approx(expected, rel=1e-4)
-        assert found["expected"].startswith(f"Expect {amount(expected)} deg and ")
+        assert results["expected"].startswith(f"Expect {amount(expected)} deg and ")
 
 
 def test_a_photograph_shows_what_detect_finds(studio, options):
     camera = {"width": 640, "height": 480, "fx": 800, "fy": 800, "cx": 320, "cy": 240}
     view = studio.post("view", {"options": options, "pose": {"tilt": 30, "azimuth": 20, "distance": 0.8}})
     asked = json.dumps({"options": options, "camera": camera}).encode() + b"\n"
-    found = studio.post("detect", asked + view.data, X_Name="caf%C3%A9.png").json
-    assert found["found"]
-    assert not found["why"]
+    findings = studio.post("detect", asked + view.data, X_Name="caf%C3%A9.png").json
+    assert findings["found"]
+    assert not findings["why"]
     truth = json.loads(view.headers["x-dots"])
-    seen = {dot["id"]: (dot["x"], dot["y"]) for dot in found["dots"]}
+    seen = {dot["id"]: (dot["x"], dot["y"]) for dot in findings["dots"]}
     assert [seen[k] for k in range(4)] == [pytest.approx(pixel, abs=0.5) for pixel in truth]
-    assert np.linalg.norm(found["pose"]["translation"]) == pytest.approx(0.8, abs=0.01)
-    kind, data = found["overlay"].split(",")
+    assert np.linalg.norm(findings["pose"]["translation"]) == pytest.approx(0.8, abs=0.01)
+    kind, data = findings["overlay"].split(",")
     assert kind in ("data:image/jpeg;base64", "data:image/png;base64")
     assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR).shape == (480, 640, 3)
 
@@ -194,20 +194,20 @@ def test_a_photograph_is_found_where_the_camera_is_a_typical_one(studio, options
     """Its size and calibration are not those of the photograph: there are dots, and no pose."""
     view = studio.post("view", {"options": options, "pose": {"tilt": 30, "azimuth": 20, "distance": 0.8}})
     asked = json.dumps({"options": options, "camera": camera, "camera_covariance": [1.0, 1.0, 1.0, 1.0]}).encode()
-    found = studio.post("detect", asked + b"\n" + view.data, X_Name="photo.png").json
-    assert (found["found"], len(found["dots"]), found["pose"]) == (True, 4, None)
+    findings = studio.post("detect", asked + b"\n" + view.data, X_Name="photo.png").json
+    assert (findings["found"], len(findings["dots"]), findings["pose"]) == (True, 4, None)
 
 
 def test_a_photograph_without_the_marker_says_why(studio, options):
     blank = bytes(cv2.imencode(".png", np.full((480, 640), 200, np.uint8))[1])
     asked = json.dumps({"options": options}).encode() + b"\n"
-    found = studio.post("detect", asked + blank, X_Name="blank.png").json
-    assert (found["found"], found["pose"], found["dots"]) == (False, None, [])
-    assert found["why"].startswith("found 0 dots")
-    for data, said in ((b"", "caf\u00e9.png"), (b"not a picture", "caf\u00e9.png"), (blank[:200], "caf\u00e9.png")):
+    findings = studio.post("detect", asked + blank, X_Name="blank.png").json
+    assert (findings["found"], findings["pose"], findings["dots"]) == (False, None, [])
+    assert findings["why"].startswith("found 0 dots")
+    for data, message in ((b"", "caf\u00e9.png"), (b"not a picture", "caf\u00e9.png"), (blank[:200], "caf\u00e9.png")):
         refused = studio.post("detect", asked + data, X_Name="caf%C3%A9.png")
         assert refused.status == 422
-        assert said in refused.json["line"]
+        assert message in refused.json["line"]
     other = json.dumps({"options": options, "camera": {"width": 10, "height": 10}}).encode() + b"\n"
     assert studio.post("detect", other + blank).status == 422
 
@@ -224,8 +224,8 @@ def test_a_rig_is_seen_exported_and_found(studio, pair):
     assert "its markers inside" in refused.json["line"]
 
 
-@pytest.mark.parametrize(("data", "shown"), [(b"{n: 5}", "'{n: 5}'"), (b"[1]", "'[1]'"), (b"\xff", "'\ufffd'")])
-def test_what_is_no_json_is_shown_as_text(data, shown):
+@pytest.mark.parametrize(("data", "printed"), [(b"{n: 5}", "'{n: 5}'"), (b"[1]", "'[1]'"), (b"\xff", "'\ufffd'")])
+def test_what_is_no_json_is_shown_as_text(data, printed):
     with pytest.raises(InputError) as refused:
         parsed_request(data)
-    assert refused.value.args[1] == shown
+    assert refused.value.args[1] == printed

@@ -25,18 +25,18 @@ def test_the_search_is_told_and_ends_in_a_state(studio, monkeypatch):
     bare = {**QUICK, "dot": 0.0}
     answer = studio.post("optimize", {"options": {**bare, "points": [[0, 0]], "title": None}})
     assert answer.headers["content-type"] == "application/x-ndjson"
-    *told, last = answer.lines
-    assert {"polish", "regular"} <= {line["stage"] for line in told}
-    shown = [line for line in told if "dots" in line]
-    assert shown
-    assert all(len(line["dots"]) == 4 for line in shown)
-    values = [line["value"] for line in shown]
+    *output, last = answer.lines
+    assert {"polish", "regular"} <= {line["stage"] for line in output}
+    printed = [line for line in output if "dots" in line]
+    assert printed
+    assert all(len(line["dots"]) == 4 for line in printed)
+    values = [line["value"] for line in printed]
     assert values == sorted(values, reverse=True)
-    found = mg.design(**bare)
-    assert values[-1] >= found.value * (1 - 1e-9)
+    design = mg.design(**bare)
+    assert values[-1] >= design.value * (1 - 1e-9)
     kept = {name: value for name, value in QUICK.items() if name != "n"}
-    assert last["options"] == {**kept, "points": found.marker.xyz[:, :2].tolist(), "dot": "0mm"}
-    assert last["summary"] == found.summary
+    assert last["options"] == {**kept, "points": design.marker.xyz[:, :2].tolist(), "dot": "0mm"}
+    assert last["summary"] == design.summary
     assert last["certificate"] == {"sentence": Certificate(4, 1.0, 0.25).sentence, "gap": 0.75}
 
 
@@ -54,11 +54,11 @@ LONG = [
 @pytest.mark.parametrize("more", [{"dot": "0mm"}, *(pytest.param(each, marks=pytest.mark.long) for each in LONG)])
 def test_the_state_after_a_search_gives_the_same_dots(more):
     options = {name: value for name, value in {**QUICK, **more}.items() if value is not None}
-    found = mg.design(**options)
-    again = mg.design(**json.loads(json.dumps(settled_options(options, found))))
-    assert again.marker.control_points == found.marker.control_points
-    assert again.marker.boundary == found.marker.boundary
-    assert again.value == pytest.approx(found.value, rel=1e-9)
+    design = mg.design(**options)
+    again = mg.design(**json.loads(json.dumps(settled_options(options, design))))
+    assert again.marker.control_points == design.marker.control_points
+    assert again.marker.boundary == design.marker.boundary
+    assert again.value == pytest.approx(design.value, rel=1e-9)
 
 
 def test_what_the_search_refuses_is_its_last_line(studio):
@@ -84,7 +84,7 @@ def test_dots_of_several_sizes_come_as_a_marker_and_can_be_shown(studio):
 def test_a_rig_is_designed_from_texts(studio):
     options = {"n": "4", "plate": "100mm", "restarts": "1", "poses": "cone:distance=0.3..0.8m,tilt=0..60,count=30"}
     last = studio.post("rig", {"shape": "pair", "options": {**options, "tag": "aruco:DICT_4X4_50"}}).lines[-1]
-    assert [each["name"] for each in last["rig"]["markers"]] == ["left", "right"]
+    assert [item["name"] for item in last["rig"]["markers"]] == ["left", "right"]
     assert studio.post("view", {"rig": last["rig"], "pose": 3}).status == 200
 
 
@@ -210,11 +210,11 @@ def wait_for(seconds):
 
 
 def test_lines_are_few_and_the_last_of_a_stage_is_always_among_them():
-    told = []
-    teller = Teller(told.append, threading.Event())
+    output = []
+    teller = Teller(output.append, threading.Event())
     for done in range(1001):
         teller.progress("search", done, 1000)
     teller.progress("polish", 0, 1)
-    assert len(told) < 100
-    assert [(line["stage"], line["done"]) for line in told][-2:] == [("search", 1000), ("polish", 0)]
-    assert told[0]["done"] == 0
+    assert len(output) < 100
+    assert [(line["stage"], line["done"]) for line in output][-2:] == [("search", 1000), ("polish", 0)]
+    assert output[0]["done"] == 0

@@ -41,7 +41,7 @@ def reader():
 
 
 def told(node, folder):
-    found = {
+    results = {
         "name": node.getName(),
         "group": bool(node.callDecoration("isGroup")),
         "extruder": int(node.callDecoration("getActiveExtruder")),
@@ -54,9 +54,9 @@ def told(node, folder):
         corners = np.stack([x, -front, up], axis=-1).reshape(-1, 3, 3).astype("<f4")
         facets = np.zeros(len(corners), [("n", "<f4", 3), ("c", "<f4", (3, 3)), ("a", "<u2")])
         facets["c"] = corners
-        (folder / f"{found['name']}.stl").write_bytes(bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes())
-        found["box"] = [corners.min(axis=(0, 1)).tolist(), corners.max(axis=(0, 1)).tolist()]
-    return found
+        (folder / f"{results['name']}.stl").write_bytes(bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes())
+        results["box"] = [corners.min(axis=(0, 1)).tolist(), corners.max(axis=(0, 1)).tolist()]
+    return results
 
 
 print(json.dumps([told(node, Path(sys.argv[2])) for node in reader()._read(sys.argv[1])]))

@@ -66,21 +66,21 @@ class Page(HTMLParser):
 
 def check(made, files=()):
     """Check a page's bytes and return its elements; `files` beside it may be linked to."""
-    found = Page(made)
-    assert found.text.startswith("<!DOCTYPE html>")
-    assert found.of("html") == [{"lang": "en"}]
-    _loads_nothing(found, files)
-    _is_allowed_its_own_script(found)
-    _is_read_without_seeing(found)
-    return found
+    result = Page(made)
+    assert result.text.startswith("<!DOCTYPE html>")
+    assert result.of("html") == [{"lang": "en"}]
+    _loads_nothing(result, files)
+    _is_allowed_its_own_script(result)
+    _is_read_without_seeing(result)
+    return result
 
 
-def _loads_nothing(found, files):
-    assert not {tag for tag, _ in found.elements} & {"link", "iframe", "object", "embed", "base", "form"}
-    assert not [a for a in found.of("script") if a]
-    assert "@import" not in found.text
-    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", found.text))
-    for tag, attributes in found.elements:
+def _loads_nothing(result, files):
+    assert not {tag for tag, _ in result.elements} & {"link", "iframe", "object", "embed", "base", "form"}
+    assert not [a for a in result.of("script") if a]
+    assert "@import" not in result.text
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", result.text))
+    for tag, attributes in result.elements:
         assert not [name for name in attributes if name.startswith("on")]
         for name in attributes.keys() & {"src", "href", "xlink:href"}:
             target = attributes[name]
@@ -95,31 +95,31 @@ def _loads_nothing(found, files):
 def _is_in_the_book(target):
     name, _, heading = target.partition("#")
     headings = re.findall(r"^#+ (.*)$", (DOCS / name).read_text(), flags=re.MULTILINE)
-    slugs = {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
+    slugs = {re.sub(r"[^\w\- ]", "", item.lower()).replace(" ", "-") for item in headings}
     assert not heading or heading in slugs, target
 
 
-def _is_allowed_its_own_script(found):
-    policy = next(a["content"] for a in found.of("meta") if a.get("http-equiv") == "Content-Security-Policy")
+def _is_allowed_its_own_script(result):
+    policy = next(a["content"] for a in result.of("meta") if a.get("http-equiv") == "Content-Security-Policy")
     assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:")
-    hashes = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in found.scripts]
-    assert re.findall(r"script-src '([^']*)'", policy) == [f"sha256-{each}" for each in hashes]
-    assert len(hashes) == any("data-dome" in a for a in found.of("div"))
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in result.scripts]
+    assert re.findall(r"script-src '([^']*)'", policy) == [f"sha256-{script}" for script in hashes]
+    assert len(hashes) == any("data-dome" in a for a in result.of("div"))
 
 
-def _is_read_without_seeing(found):
-    ids = [attributes["id"] for _, attributes in found.elements if "id" in attributes]
+def _is_read_without_seeing(result):
+    ids = [attributes["id"] for _, attributes in result.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     referred = {
-        value[1:] for _, a in found.elements for key, value in a.items() if key.endswith("href") and value[0] == "#"
+        value[1:] for _, a in result.elements for key, value in a.items() if key.endswith("href") and value[0] == "#"
     }
-    referred |= {a["aria-labelledby"] for _, a in found.elements if "aria-labelledby" in a}
-    referred |= set(re.findall(r"url\(#([^)]*)\)", found.text))
+    referred |= {a["aria-labelledby"] for _, a in result.elements if "aria-labelledby" in a}
+    referred |= set(re.findall(r"url\(#([^)]*)\)", result.text))
     assert referred <= set(ids)
-    assert all(len(each["aria-label"]) > 20 and each["role"] == "img" for each in found.of("svg"))
-    assert all(attributes["alt"] for attributes in found.of("img"))
-    assert all(attributes.get("scope") in ("col", "row") for attributes in found.of("th"))
-    levels = [int(tag[1]) for tag, _ in found.elements if re.fullmatch("h[1-6]", tag)]
+    assert all(len(item["aria-label"]) > 20 and item["role"] == "img" for item in result.of("svg"))
+    assert all(attributes["alt"] for attributes in result.of("img"))
+    assert all(attributes.get("scope") in ("col", "row") for attributes in result.of("th"))
+    levels = [int(tag[1]) for tag, _ in result.elements if re.fullmatch("h[1-6]", tag)]
     assert levels[0] == 1
     assert levels.count(1) == 1
     assert all(after - before <= 1 for before, after in pairwise(levels))

@@ -7,8 +7,8 @@ import pytest
 
 def program(package: str, *names: str) -> str:
     """Path of the first of several executables (the package's own name by default); skip the test if there is none."""
-    found = next((path for name in names or (package,) if (path := shutil.which(name))), None)
-    return found or pytest.skip(f"{package} is not installed")
+    result = next((path for name in names or (package,) if (path := shutil.which(name))), None)
+    return result or pytest.skip(f"{package} is not installed")
 
 
 def chromium() -> str:

@@ -85,15 +85,15 @@ def write_sheet(sheet, folder: Path) -> Path:
 
 def centers(image: np.ndarray, sheet) -> np.ndarray:
     """Centers (n, 2) of the dots in page mm, y up: of gravity of the ink in a window that nothing else is in."""
-    ink, found = 255.0 - image, []
+    ink, result = 255.0 - image, []
     for disk in sheet.scene["dots"]:
         half, row, column = 1.3 * disk.radius / MM, (sheet.paper.height - disk.y) / MM, disk.x / MM
         top, left = round(row - half), round(column - half)
         patch = ink[top : round(row + half), left : round(column + half)]
         rows, columns = np.indices(patch.shape) + 0.5
         middle = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum() + [left, top]
-        found.append([middle[0] * MM, sheet.paper.height - middle[1] * MM])
-    return np.array(found)
+        result.append([middle[0] * MM, sheet.paper.height - middle[1] * MM])
+    return np.array(result)
 
 
 def page_size(name: str, folder: Path) -> np.ndarray:
@@ -104,8 +104,8 @@ def page_size(name: str, folder: Path) -> np.ndarray:
         document.close()
         return size
     if name == "poppler":
-        words = run("pdfinfo", folder / "sheet.pdf").split("Page size:")[1].split()
-        return np.array([float(words[0]), float(words[2])]) / 72 * 25.4
+        phrase = run("pdfinfo", folder / "sheet.pdf").split("Page size:")[1].split()
+        return np.array([float(phrase[0]), float(phrase[2])]) / 72 * 25.4
     if name == "ghostscript":
         # Of whole pixels, 0.085 mm each.
         return np.array(by_ghostscript(folder).shape[::-1]) * MM

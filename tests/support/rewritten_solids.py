@@ -44,12 +44,12 @@ def meshes_of_3mf(data):
     reader.SetStrictModeActive(True)
     reader.ReadFromBuffer(data)
     assert reader.GetWarningCount() == 0
-    meshes, found = model.GetMeshObjects(), []
+    meshes, results = model.GetMeshObjects(), []
     while meshes.MoveNext():
-        found.append(meshes.GetCurrentMeshObject())
-        assert found[-1].IsValid()
-        assert found[-1].IsManifoldAndOriented()
-    return found
+        results.append(meshes.GetCurrentMeshObject())
+        assert results[-1].IsValid()
+        assert results[-1].IsManifoldAndOriented()
+    return results
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,8 @@ class Piece:
     dark: bool
     corners: np.ndarray
 
-    def mapped(self, matrix, shift=(0.0, 0.0, 0.0)):
-        corners = self.corners @ np.asarray(matrix).T + shift
+    def mapped(self, matrix, offset=(0.0, 0.0, 0.0)):
+        corners = self.corners @ np.asarray(matrix).T + offset
         return replace(self, corners=corners if np.linalg.det(matrix) > 0 else corners[:, ::-1])
 
 
@@ -70,26 +70,26 @@ def pieces(path):
     import trimesh
 
     scene = trimesh.load_scene(path)
-    found = []
+    result = []
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         mesh = scene.geometry[geometry].copy()
         mesh.apply_transform(matrix)
         x, y, z = np.moveaxis(1e3 * np.asarray(mesh.triangles), -1, 0)
         dark = mesh.visual.material.baseColorFactor[0] < 128
-        found.append(Piece(node, bool(dark), np.stack([x, -z, y], axis=-1)))
-    return found
+        result.append(Piece(node, bool(dark), np.stack([x, -z, y], axis=-1)))
+    return result
 
 
-def write(path, some):
+def write(path, subset):
     """Write parts as .stl, .3mf or .glb."""
     made = {".stl": lambda parts: stl(np.concatenate([part.corners for part in parts])), ".3mf": _threemf, ".glb": _glb}
-    path.write_bytes(made[path.suffix](some))
+    path.write_bytes(made[path.suffix](subset))
 
 
-def _threemf(some):
+def _threemf(subset):
     objects, components = [], []
-    for number, part in enumerate(some, start=2):
+    for number, part in enumerate(subset, start=2):
         points, index = np.unique(part.corners.reshape(-1, 3), axis=0, return_inverse=True)
         vertices = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points.tolist())
         faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in index.reshape(-1, 3).tolist())
@@ -116,18 +116,18 @@ def _threemf(some):
     return out.getvalue()
 
 
-def _glb(some):
+def _glb(subset):
     binary, views, accessors, meshes = b"", [], [], []
-    for part in some:
+    for part in subset:
         points = (1e-3 * part.corners.reshape(-1, 3)).astype("<f4")
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": points.nbytes})
         accessors.append({"bufferView": len(views) - 1, "componentType": 5126, "count": len(points), "type": "VEC3"})
         meshes.append({"primitives": [{"attributes": {"POSITION": len(views) - 1}, "material": int(part.dark)}]})
         binary += points.tobytes()
-    nodes = [{"name": part.name, "mesh": k} for k, part in enumerate(some)]
+    nodes = [{"name": part.name, "mesh": k} for k, part in enumerate(subset)]
     document = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [len(some)]}],
-        "nodes": [*nodes, {"matrix": TURN, "children": list(range(len(some)))}], "meshes": meshes,
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [len(subset)]}],
+        "nodes": [*nodes, {"matrix": TURN, "children": list(range(len(subset)))}], "meshes": meshes,
         "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [*color, 1.0]}} for color in (LIGHT, DARK)],
         "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
     }  # fmt: skip

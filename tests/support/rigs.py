@@ -28,7 +28,7 @@ def plate(seed, width=0.08, height=0.08, n=6, diameter=0.012):
     points = []
     while len(points) < n:
         point = rng.uniform(-1, 1, 2) * (np.array([width, height]) / 2 - 0.7 * diameter)
-        if all(np.hypot(*(point - each)) > 1.4 * diameter for each in points):
+        if all(np.hypot(*(point - item)) > 1.4 * diameter for item in points):
             points.append(point)
     return build_marker(np.array(points), rectangle(width, height), diameter, diameter / 10)
 
@@ -41,7 +41,7 @@ def mounted(markers, rotations, translations):
 def cube(edge=0.08, seed=0, **of_plates):
     turns = [face(axis, sign) for axis in range(3) for sign in (1, -1)]
     markers = [plate(seed + k, edge, edge, **of_plates) for k in range(6)]
-    return mounted(markers, turns, [turn[:, 2] * edge / 2 for turn in turns])
+    return mounted(markers, turns, [rotation[:, 2] * edge / 2 for rotation in turns])
 
 
 def wall(columns=3, rows=2, pitch=0.13):
@@ -59,11 +59,11 @@ def rig_of(text, **measures):
         tuple(
             face.mounted(
                 replace(
-                    build_marker(dots @ turn.T, face.boundary, diameter=0.005, clearance=0.001),
+                    build_marker(dots @ rotation.T, face.boundary, diameter=0.005, clearance=0.001),
                     substrate=shape.substrate,
                 )
             )
-            for face, turn in zip(faces, turns, strict=True)
+            for face, rotation in zip(faces, turns, strict=True)
         )
     )
 
@@ -84,12 +84,12 @@ def scattered(seed, count=4):
 def first_hits(rig, eye, ways):
     """Plate (m,) that each ray from an eye (3,) along ways (m, 3) meets first, -1 for none, and where in its frame."""
     nearest, owner, places = np.full(len(ways), np.inf), np.full(len(ways), -1), np.zeros((len(ways), 2))
-    for k, (each, margin) in enumerate(zip(rig.markers, rig.margins, strict=True)):
-        start, way = each.to_marker(eye), ways @ each.rotation_matrix
+    for k, (item, margin) in enumerate(zip(rig.markers, rig.margins, strict=True)):
+        start, way = item.to_marker(eye), ways @ item.rotation_matrix
         with np.errstate(divide="ignore", invalid="ignore"):
             far = -start[2] / way[:, 2]
         place = start[:2] + far[:, None] * way[:, :2]
-        corner = each.marker.boundary.outlines()[0].max(axis=0)
+        corner = item.marker.boundary.outlines()[0].max(axis=0)
         outside = np.linalg.norm(np.maximum(np.abs(place) - corner, 0), axis=-1)
         hit = (far > 0) & (outside <= margin) & (far < nearest - 1e-9)
         nearest[hit], owner[hit], places[hit] = far[hit], k, place[hit]
@@ -98,7 +98,7 @@ def first_hits(rig, eye, ways):
 
 def looking(rig, rng, distance=(0.25, 0.4)):
     """Random pose T_camera_rig from the side to which a rig's plates face."""
-    toward = np.mean([each.rotation_matrix[:, 2] for each in rig.markers], axis=0) + rng.normal(0, 0.25, 3)
+    toward = np.mean([marker.rotation_matrix[:, 2] for marker in rig.markers], axis=0) + rng.normal(0, 0.25, 3)
     back = -toward / np.linalg.norm(toward)
     right = np.cross(rng.normal(size=3), back)
     right /= np.linalg.norm(right)

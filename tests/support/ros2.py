@@ -38,13 +38,13 @@ def message(name):
     """Return a class that takes its fields as keywords, and refuses others, as ROS does."""
 
     class Message(SimpleNamespace):
-        def __init__(self, **given):
+        def __init__(self, **stated):
             fields = {
                 key: message(default)() if isinstance(default, str) and default in FIELDS else default
                 for key, default in FIELDS[name].items()
             }
-            assert set(given) <= set(fields)
-            super().__init__(**{**fields, **given})
+            assert set(stated) <= set(fields)
+            super().__init__(**{**fields, **stated})
 
         def __setattr__(self, key, value):
             assert key in FIELDS[name], f"{name} has no {key}"
@@ -103,7 +103,7 @@ def put_in_place(monkeypatch):
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
         "tf2_ros": {"TransformBroadcaster": TransformBroadcaster},
-        **{name: {each: message(each) for each in messages} for name, messages in PACKAGES.items()},
+        **{name: {item: message(item) for item in messages} for name, messages in PACKAGES.items()},
     }
     modules["visualization_msgs.msg"]["Marker"].SPHERE_LIST = 7
     for name, content in modules.items():

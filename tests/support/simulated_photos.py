@@ -41,9 +41,9 @@ def layout(n, radius=0.11):
 
 def hand_held(m, rng, tilt=(10, 60)):
     """Return m poses within reach of the camera: tilts in degrees, all directions and rolls, 0.4 to 1 m."""
-    tilts, direction, roll, turn = np.deg2rad(rng.uniform(*tilt, m)), *rng.uniform(0, 2 * np.pi, (3, m))
+    tilts, direction, roll, angle = np.deg2rad(rng.uniform(*tilt, m)), *rng.uniform(0, 2 * np.pi, (3, m))
     axis = np.column_stack([np.cos(direction), np.sin(direction), 0 * roll])
-    rotation = rotation_z(roll) @ exponential(tilts[:, None] * axis) @ np.diag([1.0, -1.0, -1.0]) @ rotation_z(turn)
+    rotation = rotation_z(roll) @ exponential(tilts[:, None] * axis) @ np.diag([1.0, -1.0, -1.0]) @ rotation_z(angle)
     depth = rng.uniform(0.4, 1, m)
     aside = rng.uniform(-0.05, 0.05, (m, 2)) * depth[:, None]
     return rotation, np.column_stack([aside, depth])

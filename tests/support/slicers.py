@@ -55,7 +55,7 @@ class Lines:
 
 def lines_of(gcode: str, origin: tuple[float, float, float]) -> Lines:
     """Read absolute moves that extrude; the marker's origin is at `origin`."""
-    at, extruder, kind, found = {"X": 0.0, "Y": 0.0, "Z": 0.0, "E": 0.0}, 0, "", []
+    at, extruder, kind, result = {"X": 0.0, "Y": 0.0, "Z": 0.0, "E": 0.0}, 0, "", []
     for line in gcode.splitlines():
         if line.startswith(";TYPE:"):
             kind = line[6:]
@@ -65,9 +65,9 @@ def lines_of(gcode: str, origin: tuple[float, float, float]) -> Lines:
             new = at | {word[0]: float(word[1:]) for word in line.partition(";")[0].split()[1:]}
             moved = (new["X"], new["Y"]) != (at["X"], at["Y"])
             if line[:3] != "G92" and moved and new["E"] > at["E"] and kind not in NO_PART:
-                found.append((extruder, at["X"], at["Y"], new["X"], new["Y"], new["Z"]))
+                result.append((extruder, at["X"], at["Y"], new["X"], new["Y"], new["Z"]))
             at = new
-    table = np.array(found)
+    table = np.array(result)
     ends = table[:, 1:5].reshape(-1, 2, 2) - origin[:2]
     return Lines(table[:, 0].astype(int), ends, np.round(table[:, 5] - origin[2], 4))
 

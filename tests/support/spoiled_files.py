@@ -67,7 +67,7 @@ class Spoiler:
         point = self.marker.control_points[index]
 
         def change(page):
-            found = []
+            results = []
             for k in range(raw.FPDFPage_CountObjects(page)):
                 item = raw.FPDFPage_GetObject(page, k)
                 box = [ctypes.c_float() for _ in range(4)]
@@ -77,9 +77,9 @@ class Spoiler:
                     abs(right - left - 1e3 * point.feature.diameter) < 0.01
                     and abs(top - bottom - (right - left)) < 0.01
                 ):
-                    found.append(item)
-            assert len(found) == len(self.marker)
-            raw.FPDFPage_RemoveObject(page, found[index])
+                    results.append(item)
+            assert len(results) == len(self.marker)
+            raw.FPDFPage_RemoveObject(page, results[index])
 
         return self._pdf_streams(data, change)
 

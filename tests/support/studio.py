@@ -126,8 +126,8 @@ def link_of(state, address="http://127.0.0.1:1/gone/"):
 def obstacles(page):
     """What axe finds that keeps somebody from using the page."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe: make test-browser installs it")
-    found = axe.Axe().run(page).response["violations"]
-    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in found]
+    results = axe.Axe().run(page).response["violations"]
+    return [(item["id"], [node["html"][:120] for node in item["nodes"]]) for item in results]
 
 
 def uploads(tmp_path, name, text):
@@ -150,4 +150,4 @@ def type_in(studio, name, text):
 
 
 def numbers_of(state):
-    return [[float(each.removesuffix("mm")) for each in dot.split(",")] for dot in state["points"].split("; ")]
+    return [[float(item.removesuffix("mm")) for item in dot.split(",")] for dot in state["points"].split("; ")]

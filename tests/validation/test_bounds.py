@@ -90,9 +90,9 @@ def test_through_a_lens_the_noise_is_that_of_the_image_as_taken():
         for h in (step, -step)
     )
     jacobian = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)).reshape(len(poses), -1, 6) / (2 * step)
-    found = pose_bounds(points, FISHEYE, poses, 0.2).information
+    result = pose_bounds(points, FISHEYE, poses, 0.2).information
     # Differences of pixels over 1e-6 leave seven digits.
-    np.testing.assert_allclose(found, jacobian.swapaxes(1, 2) @ jacobian, rtol=1e-5, atol=1e-6 * found.max())
+    np.testing.assert_allclose(result, jacobian.swapaxes(1, 2) @ jacobian, rtol=1e-5, atol=1e-6 * result.max())
 
 
 def test_trials_through_a_lens_have_the_covariance_of_the_bound():
@@ -119,6 +119,6 @@ def test_the_image_of_a_dot_is_judged_as_taken(make_ngon):
     )
     affine = 0.002 * (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)) / (2 * step)
     expected = center_covariance(affine, optics.edge_blur, contrast / noise)
-    found = image_covariance(marker, FISHEYE, poses, optics)
+    result = image_covariance(marker, FISHEYE, poses, optics)
     scale = np.trace(expected, axis1=-2, axis2=-1)[..., None, None]
-    assert np.abs((found - expected) / scale).max() < 0.003
+    assert np.abs((result - expected) / scale).max() < 0.003

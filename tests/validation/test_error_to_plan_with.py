@@ -43,8 +43,8 @@ def views_of(expected, factor=1.0, lost=0, seed=0, hidden=0):
         draw = rng.integers(expected.drawn_deg.shape[1])
         deg, mm = factor * expected.drawn_deg[pose, draw], factor * expected.drawn_mm[pose, draw]
         samples.append({"pose": pose, "rotation_deg": deg, "translation_error_mm": [mm, 0.0, 0.0]})
-    for each in samples[:lost]:
-        each["rotation_deg"] = np.nan
+    for sample in samples[:lost]:
+        sample["rotation_deg"] = np.nan
     return {"count": len(samples), "samples": samples, "hidden": hidden}
 
 
@@ -67,10 +67,10 @@ def test_plan_is_first_order_over_all_poses_and_the_hardest_cell_the_largest(exp
 
 
 def test_what_was_sampled_is_said(expected, found):
-    said = " ".join(marker_plan(found))
-    assert f"not hold in {expected.sampled.sum()} of the 400" in said
-    assert f"{found['draws']} estimates sampled in each" in said
-    assert f"claims {found['hardest']['rotation_deg']['first_order_deg']:.2g} deg" in said
+    message = " ".join(marker_plan(found))
+    assert f"not hold in {expected.sampled.sum()} of the 400" in message
+    assert f"{found['draws']} estimates sampled in each" in message
+    assert f"claims {found['hardest']['rotation_deg']['first_order_deg']:.2g} deg" in message
 
 
 def test_views_as_expected_agree_as_often_as_promised(expected, found):
@@ -86,19 +86,19 @@ def test_views_as_expected_agree_as_often_as_promised(expected, found):
 def test_views_that_disagree_are_told_in_plain_words(expected, found, factor):
     views = error_to_plan_with.compare_views(expected, POSES, views_of(expected, factor), found, 0)
     assert views["disagreements"] >= 2
-    each = views["all"]["rotation_deg"]
-    assert each["count"] == 400
-    assert not each["low"] <= each["rms"] <= each["high"]
-    low, high = each["interval"]
-    assert low < each["rms"] < high
+    item = views["all"]["rotation_deg"]
+    assert item["count"] == 400
+    assert not item["low"] <= item["rms"] <= item["high"]
+    low, high = item["interval"]
+    assert low < item["rms"] < high
     # Half the interval of 400 views; an RMS over N errors with 2 or 3 degrees of freedom has 1 / sqrt(4 N to 6 N).
-    assert 1.96 / np.sqrt(6 * 400) < (high - low) / 2 / each["rms"] < 0.12
-    said = marker_plan({**found, "views": views})
-    line = f"The views of this run gave {each['rms']:.2g} deg over all poses where {each['expected']:.2g} was expected"
-    assert any(sentence.startswith(line) for sentence in said)
-    assert said[0].startswith("Expect ")
-    assert said[0].endswith("say otherwise.")
-    assert not any("agree:" in sentence for sentence in said)
+    assert 1.96 / np.sqrt(6 * 400) < (high - low) / 2 / item["rms"] < 0.12
+    message = marker_plan({**found, "views": views})
+    line = f"The views of this run gave {item['rms']:.2g} deg over all poses where {item['expected']:.2g} was expected"
+    assert any(sentence.startswith(line) for sentence in message)
+    assert message[0].startswith("Expect ")
+    assert message[0].endswith("say otherwise.")
+    assert not any("agree:" in sentence for sentence in message)
     results = json.loads(json.dumps(plain({"headline": {**found, "views": views}})))
     assert not check_condition("headline.views.disagreements > 0", results)[0]
     assert not check_condition("headline.rotation_deg > 0.01", results)[0]
@@ -135,7 +135,7 @@ def test_views_without_a_pose_are_counted(expected, found):
 def test_no_view_in_the_hardest_cell(expected, found):
     seen = views_of(expected)
     cell = error_to_plan_with.cells_of(POSES)["1.5", "0"]
-    seen["samples"] = [each for each in seen["samples"] if not cell[each["pose"]]]
+    seen["samples"] = [item for item in seen["samples"] if not cell[item["pose"]]]
     seen["count"] = len(seen["samples"])
     views = error_to_plan_with.compare_views(expected, POSES, seen, found, 0)
     assert views["hardest"]["rotation_deg"] == {

@@ -25,22 +25,22 @@ def series(marker, indices, errors=None, camera=PAPER_CAMERA):
 
 def at(distance, tilt, count=1):
     """Indices of the first poses at a distance and tilt."""
-    near = np.abs(POSES.distance - distance) < 1e-6
-    return np.flatnonzero(near & (np.abs(POSES.polar_angle_deg - tilt) < 1e-3))[:count]
+    nearby = np.abs(POSES.distance - distance) < 1e-6
+    return np.flatnonzero(nearby & (np.abs(POSES.polar_angle_deg - tilt) < 1e-3))[:count]
 
 
 def test_where_first_order_holds_it_is_taken_and_sampling_agrees(pentagon):
     chosen = series(pentagon, np.concatenate([at(0.6, 35), at(0.9, 52.5), at(1.2, 70), at(0.6, 0)]))
-    found, drawn = expect(chosen), expect(chosen, sample=True)
+    result, drawn = expect(chosen), expect(chosen, sample=True)
     budget = budget_of(chosen)
-    assert not found.sampled.any()
+    assert not result.sampled.any()
     assert drawn.sampled.all()
-    np.testing.assert_array_equal(found.rotation_deg, budget.rotation_deg["total"])
-    np.testing.assert_allclose(found.translation_mm, 1e3 * budget.translation["total"])
+    np.testing.assert_array_equal(result.rotation_deg, budget.rotation_deg["total"])
+    np.testing.assert_allclose(result.translation_mm, 1e3 * budget.translation["total"])
     # 500 draws of a chi square of one degree of freedom or more: 3.2 % and less, four times that.
-    np.testing.assert_allclose(drawn.rotation_deg, found.rotation_deg, rtol=0.13)
-    np.testing.assert_allclose(drawn.translation_mm, found.translation_mm, rtol=0.13)
-    for errors in (found, drawn):
+    np.testing.assert_allclose(drawn.rotation_deg, result.rotation_deg, rtol=0.13)
+    np.testing.assert_allclose(drawn.translation_mm, result.translation_mm, rtol=0.13)
+    for errors in (result, drawn):
         np.testing.assert_allclose(
             np.sqrt(np.mean(errors.drawn_deg**2, axis=1)), budget.rotation_deg["total"], rtol=0.13
         )
@@ -51,7 +51,7 @@ def estimated(chosen, count, seed):
     marker, camera, rng = chosen.marker, chosen.camera, np.random.default_rng(seed)
     rotation, translation = chosen.poses.rotation, chosen.poses.translation
     printed = marker.xyz + displacement(marker, chosen.errors, rng, prints=(count,))
-    pixels = np.concatenate([camera.project(each, rotation, translation) for each in printed])
+    pixels = np.concatenate([camera.project(item, rotation, translation) for item in printed])
     noise = np.linalg.cholesky(image_covariance(marker, camera, chosen.poses, chosen.optics)[0])
     pixels += (noise @ rng.standard_normal((*pixels.shape, 1)))[..., 0]
     batch = Correspondences.from_distorted(marker.xyz, pixels, camera)
@@ -63,48 +63,48 @@ def test_where_it_does_not_hold_the_errors_are_those_of_another_estimator(make_n
     """A small marker far away, with OpenCV and without weights: frontal and beside it, with flips."""
     marker = make_ngon(5, 0.06, 0.018)
     chosen = series(marker, at(1.5, tilt), ErrorSources(print_sigma))
-    found = expect(chosen)
-    assert found.sampled.all()
+    result = expect(chosen)
+    assert result.sampled.all()
     other = estimated(chosen, 2000, 1)
     draws = np.concatenate([expect(chosen, seed=k).drawn_deg[0] for k in range(4)])
     # Two samples of 2000: the difference of their mean squares within four standard errors.
-    error = np.hypot(*(np.std(each**2) / np.sqrt(len(each)) for each in (draws, other)))
+    error = np.hypot(*(np.std(item**2) / np.sqrt(len(item)) for item in (draws, other)))
     assert abs(np.mean(draws**2) - np.mean(other**2)) < 4 * error
-    assert abs(np.mean(other**2) - found.first_order_deg[0] ** 2) > 4 * error
-    assert (found.flip_rate[0] > 0) == (tilt > 0)
+    assert abs(np.mean(other**2) - result.first_order_deg[0] ** 2) > 4 * error
+    assert (result.flip_rate[0] > 0) == (tilt > 0)
 
 
 def test_rare_flips_are_in_the_expected_error_without_being_drawn(make_ngon):
     """Between 1e-6 and 1e-4: too rare to be sampled, and still more than the square of a thousandth of a radian."""
     marker = make_ngon(4, 0.05, 0.015)
-    found = expect(series(marker, at(1.2, 17.5, 20)))
-    rare = (found.flip_rate > 1e-7) & ~found.sampled
+    result = expect(series(marker, at(1.2, 17.5, 20)))
+    rare = (result.flip_rate > 1e-7) & ~result.sampled
     assert rare.any()
     separation = 35.0
-    added = found.rotation_deg[rare] ** 2 - found.first_order_deg[rare] ** 2
-    np.testing.assert_allclose(added, found.flip_rate[rare] * separation**2, rtol=0.2)
+    added = result.rotation_deg[rare] ** 2 - result.first_order_deg[rare] ** 2
+    np.testing.assert_allclose(added, result.flip_rate[rare] * separation**2, rtol=0.2)
 
 
 def test_a_calibration_that_is_off_makes_more_of_other_errors(pentagon):
     """Frontally 2 px of fx and fy apart look like 5 deg of tilt: to first order they would cost nothing."""
     errors = ErrorSources(1e-4, np.diag([2.0, 2.0, 1.5, 1.5]) ** 2)
     off = series(pentagon, at(1.5, 0, 4), errors)
-    found, exact = expect(off), expect(without_calibration(off))
-    assert found.sampled.all()
-    np.testing.assert_allclose(found.first_order_deg, exact.first_order_deg, rtol=0.01)
-    assert rms(found.rotation_deg) > 1.5 * rms(exact.rotation_deg)
+    result, exact = expect(off), expect(without_calibration(off))
+    assert result.sampled.all()
+    np.testing.assert_allclose(result.first_order_deg, exact.first_order_deg, rtol=0.01)
+    assert rms(result.rotation_deg) > 1.5 * rms(exact.rotation_deg)
 
 
 def test_draws_depend_on_the_seed_and_the_pose_alone(make_ngon):
     marker = make_ngon(4, 0.05, 0.015)
     chosen = series(marker, at(1.5, 0, 3))
-    found, again, other = expect(chosen), expect(chosen), expect(chosen, seed=1)
-    np.testing.assert_array_equal(found.drawn_deg, again.drawn_deg)
-    assert (found.drawn_deg != other.drawn_deg).all()
+    result, again, other = expect(chosen), expect(chosen), expect(chosen, seed=1)
+    np.testing.assert_array_equal(result.drawn_deg, again.drawn_deg)
+    assert (result.drawn_deg != other.drawn_deg).all()
     calls = []
     expect(chosen, progress=lambda *call: calls.append(call))
     assert calls[-1] == (3, 3)
-    np.testing.assert_array_equal(expect(series(marker, at(1.5, 0, 1))).drawn_deg, found.drawn_deg[:1])
+    np.testing.assert_array_equal(expect(series(marker, at(1.5, 0, 1))).drawn_deg, result.drawn_deg[:1])
 
 
 def test_through_a_lens_and_with_relief(pentagon):

@@ -75,6 +75,6 @@ def test_a_symmetric_layout_without_a_ring_is_refused(pentagon, camera):
             DEFAULT_OPTICS,
             np.random.default_rng(0),
         )
-        found = detect(image, marker, camera)
-        assert not found.ok
-        assert found.reason.startswith("labels are ambiguous")
+        finding = detect(image, marker, camera)
+        assert not finding.ok
+        assert finding.reason.startswith("labels are ambiguous")

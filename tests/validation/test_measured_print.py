@@ -69,11 +69,11 @@ def test_weights_and_covariance_of_the_pose(make_ngon):
         printed = misprinted(marker, errors, rng).xyz
         pixels = PAPER_CAMERA.project(printed, R[None], t[None])[0] + 0.03 * rng.standard_normal((8, 2))
         spread = np.broadcast_to(9e-4 * np.eye(2), (8, 2, 2))
-        for own, told, residual in ((errors.of(marker), nees, chi2), (errors, plain, plain_chi2)):
-            found = estimate_pose(marker.xyz, pixels, spread, PAPER_CAMERA, own)
-            error = np.concatenate([logarithm(found.rotation @ R.T), found.translation - t])
-            told.append(error @ np.linalg.solve(found.budget.total, error))
-            residual.append(found.chi2)
+        for ours, output, residual in ((errors.of(marker), nees, chi2), (errors, plain, plain_chi2)):
+            result = estimate_pose(marker.xyz, pixels, spread, PAPER_CAMERA, ours)
+            error = np.concatenate([logarithm(result.rotation @ R.T), result.translation - t])
+            output.append(error @ np.linalg.solve(result.budget.total, error))
+            residual.append(result.chi2)
     # Means of 200 of chi2 with 6 and 10 degrees of freedom scatter by 0.24 and 0.32: three times that.
     assert abs(np.mean(nees) - 6) < 0.7
     assert abs(np.mean(chi2) - 10) < 0.9
@@ -85,13 +85,13 @@ def test_weights_and_covariance_of_the_pose(make_ngon):
 def test_the_budget_of_a_shoot_knows(make_ngon):
     marker = make_ngon(6, 0.15, 0.03)
     few = POSES.seen_whole(marker.boundary, PAPER_CAMERA)
-    exact, known = (error_budget(SyntheticViews(each, PAPER_CAMERA, few, 0)) for each in (marker, measured(marker)))
+    exact, reference = (error_budget(SyntheticViews(item, PAPER_CAMERA, few, 0)) for item in (marker, measured(marker)))
     assert exact["rotation_deg"]["print"] == 0
     round_ = measured(marker)
     points = tuple(replace(p, covariance=(1e-8, 0.0, 1e-8)) for p in round_.control_points)
     as_sigma = error_budget(SyntheticViews(marker, PAPER_CAMERA, few, 0, errors=ErrorSources(1e-4)))
     as_blocks = error_budget(SyntheticViews(replace(marker, control_points=points), PAPER_CAMERA, few, 0))
-    assert known["rotation_deg"]["print"] > as_sigma["rotation_deg"]["print"]
+    assert reference["rotation_deg"]["print"] > as_sigma["rotation_deg"]["print"]
     assert as_blocks["rotation_deg"]["print"] == pytest.approx(as_sigma["rotation_deg"]["print"], rel=1e-9)
 
 
@@ -99,9 +99,9 @@ def test_views_of_measured_prints_are_consistent(make_ngon):
     """Detection from images, with print errors as measured: NEES and coverage within what 99 % of such series give."""
     marker = measured(make_ngon(6, 0.15, 0.03))
     series = SyntheticViews(marker, PAPER_CAMERA, POSES, 60, errors=ErrorSources(0.0), seed=4)
-    found = summarize(series, take_records(series, workers=1))
-    assert found["detected"] == 60
-    nees = found["nees"]
+    findings = summarize(series, take_records(series, workers=1))
+    assert findings["detected"] == 60
+    nees = findings["nees"]
     low, high = nees["interval"]
     assert low < nees["mean"] < high
     assert nees["coverage"] >= nees["coverage_interval"][0]
@@ -121,14 +121,16 @@ def test_a_print_of_another_size_end_to_end(make_ngon):
             ("exact", design, design), ("corrected", printed, corrected), ("nominal", printed, design),
         ):  # fmt: skip
             image = render_view(truth, PAPER_CAMERA, R, t, Optics(), np.random.default_rng(pose))
-            found = detect(image, used, PAPER_CAMERA).pose
-            errors[name].append((rotation_error_deg(found.rotation, R), translation_error_pct(found.translation, t)))
-    (turn, shift), (turn_2, shift_2), (turn_3, shift_3) = (
+            finding = detect(image, used, PAPER_CAMERA).pose
+            errors[name].append(
+                (rotation_error_deg(finding.rotation, R), translation_error_pct(finding.translation, t))
+            )
+    (rotation, offset), (turn_2, shift_2), (turn_3, shift_3) = (
         np.sqrt(np.mean(np.square(errors[name]), axis=0)) for name in ("exact", "corrected", "nominal")
     )
     # RMS of 25 views of the same noise: the print is a little smaller in the image.
-    assert turn_2 < 1.3 * turn
-    assert shift_2 < 1.3 * shift
+    assert turn_2 < 1.3 * rotation
+    assert shift_2 < 1.3 * offset
     # 0.7 and 0.45 % too small is that much farther away, and 0.25 % of difference is a tilt.
     assert shift_3 > 0.4 > 10 * shift_2
     assert turn_3 > 3 * turn_2
@@ -153,10 +155,10 @@ def test_measured_dots_end_to_end(make_ngon):
         R, t = POSES.rotation[pose], POSES.translation[pose]
         image = render_view(printed, PAPER_CAMERA, R, t, Optics(), np.random.default_rng(pose))
         for name, used in (("corrected", corrected), ("nominal", design)):
-            found = detect(image, used, PAPER_CAMERA).pose
-            off[name].append(rotation_error_deg(found.rotation, R))
+            finding = detect(image, used, PAPER_CAMERA).pose
+            off[name].append(rotation_error_deg(finding.rotation, R))
             if name == "corrected":
-                claimed.append(float(found.budget.rotation_deg["total"]))
+                claimed.append(float(finding.budget.rotation_deg["total"]))
     rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in off.items()}
     assert rms["corrected"] < 0.5 * rms["nominal"]
     # The frame of the print is only known by its dots, which are 0.3 mm off: 0.1 mm of it, or 0.05 deg, is its own.

@@ -83,8 +83,8 @@ def test_nees_weighs_each_error_by_its_variance():
 
 
 def test_statistics_by_hand():
-    found = statistics(np.array([3.0, 1.0, 2.0, 6.0]))
-    assert found == {
+    result = statistics(np.array([3.0, 1.0, 2.0, 6.0]))
+    assert result == {
         "count": 4,
         "mean": 3.0,
         "std": pytest.approx(np.sqrt(3.5)),

@@ -25,9 +25,9 @@ def seen_dots(marker, setting, index, seed):
     """
     R, t = setting.poses.rotation[index], setting.poses.translation[index]
     image = render_view(marker, PAPER_CAMERA, R, t, DEFAULT_OPTICS, np.random.default_rng([seed, index]))
-    found = detect(image, marker, PAPER_CAMERA)
+    finding = detect(image, marker, PAPER_CAMERA)
     n = len(marker)
-    pixels = found.pixels if len(found.pixels) == n else np.full((n, 2), np.nan)
+    pixels = finding.pixels if len(finding.pixels) == n else np.full((n, 2), np.nan)
     truth = project(marker.xyz, R[None], t[None], PAPER_CAMERA.matrix)[0]
     rows = pose_jacobian(marker.xyz, R[None], t[None], PAPER_CAMERA.focal)[0].reshape(n, 2, 6)[..., 3:]
     affine = rows @ R[:, :2] * (marker.dot_diameter / 2)
@@ -68,9 +68,9 @@ def measured_error(marker, setting, repeats=3):
         [[seen_dots(marker, setting, i, seed)[0] for i in range(len(poses))] for seed in range(repeats)]
     ).reshape(-1, len(marker), 2)
     which = np.tile(np.arange(len(poses)), repeats)
-    found = np.isfinite(seen[:, 0, 0])
-    which, seen = which[found], seen[found]
+    finding = np.isfinite(seen[:, 0, 0])
+    which, seen = which[finding], seen[finding]
     R, t = Correspondences(marker.xyz, seen, PAPER_CAMERA).once(ESTIMATORS["lm"]).best
-    turn = logarithm(R @ poses.rotation[which].swapaxes(-1, -2))
-    error = np.concatenate([turn, t - poses.translation[which]], axis=-1)
+    rotation = logarithm(R @ poses.rotation[which].swapaxes(-1, -2))
+    error = np.concatenate([rotation, t - poses.translation[which]], axis=-1)
     return np.sqrt(np.mean(np.einsum("pi,pij,pj->p", error, weight[which], error)))

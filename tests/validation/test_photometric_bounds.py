@@ -50,13 +50,13 @@ def edge_information(outline, camera, rotation, translation, optics):
 @pytest.mark.parametrize("camera", [PAPER_CAMERA, LENS], ids=["pinhole", "lens"])
 def test_a_square_is_known_as_well_as_its_edges(camera):
     poses = taken(47, 129, 230, 333)
-    found = photometric_bounds(square, camera, poses, OPTICS)
+    result = photometric_bounds(square, camera, poses, OPTICS)
     for k in range(len(poses)):
         expected = edge_information(SQUARE, camera, poses.rotation[k], poses.translation[k], OPTICS)
         # The energy of an edge's slope is that of the Gaussian within 5 %; at each corner 1 px of edge is missing.
         inverse = np.linalg.inv(expected)
         for part in (slice(0, 3), slice(3, 6)):
-            theirs, ours = (np.trace(each[part, part]) for each in (inverse, np.linalg.inv(found.information[k])))
+            theirs, ours = (np.trace(item[part, part]) for item in (inverse, np.linalg.inv(result.information[k])))
             assert ours == pytest.approx(theirs, rel=0.08)
 
 
@@ -68,14 +68,14 @@ def test_a_dot_from_the_front_is_known_as_well_as_its_center():
         return [Patch((circle(np.zeros(3), radius),), 0.0)]
 
     poses = PoseDistribution("front", np.diag([1.0, -1.0, -1.0])[None], np.array([[0.0, 0.0, distance]]))
-    found = photometric_bounds(dot, PAPER_CAMERA, poses, OPTICS).information[0]
+    result = photometric_bounds(dot, PAPER_CAMERA, poses, OPTICS).information[0]
     scale = PAPER_CAMERA.fx / distance
     noise = OPTICS.grey_noise(127.0)
     least = dot_covariance(
         np.full(2, radius * scale), np.array(0.0), OPTICS.edge_blur, OPTICS.light - OPTICS.dark, noise
     )
     # As above: 5 % of the slope's energy.
-    assert np.diag(found)[3:5] / scale**2 == pytest.approx(1 / np.diag(least), rel=0.05)
+    assert np.diag(result)[3:5] / scale**2 == pytest.approx(1 / np.diag(least), rel=0.05)
 
 
 def test_nothing_beats_it_that_looks_at_centers_only(pentagon):
@@ -86,8 +86,8 @@ def test_nothing_beats_it_that_looks_at_centers_only(pentagon):
         jacobian = pose_jacobian(pentagon.xyz, poses.rotation[[k]], poses.translation[[k]], PAPER_CAMERA.focal).reshape(
             -1, 2, 6
         )
-        known = np.einsum("nik,nij,njl->kl", jacobian, np.linalg.inv(centers[k]), jacobian)
-        more = np.linalg.eigvalsh(all_levels.information[k] - known) / np.linalg.eigvalsh(known)
+        reference = np.einsum("nik,nij,njl->kl", jacobian, np.linalg.inv(centers[k]), jacobian)
+        more = np.linalg.eigvalsh(all_levels.information[k] - reference) / np.linalg.eigvalsh(reference)
         # Sizes and shapes add something in every direction, up to the 5 % of the slope's energy.
         assert more.min() > -0.05
 
@@ -97,24 +97,24 @@ def test_the_best_linear_estimate_from_noisy_images_has_this_covariance():
     """400 images of 8 bits: the NEES of (sum of g (level - mean)/sigma^2) times the bound's covariance is 6."""
     poses = taken(129)
     rotation, translation = poses.rotation[0], poses.translation[0]
-    found = photometric_bounds(square, PAPER_CAMERA, poses, OPTICS)
+    result = photometric_bounds(square, PAPER_CAMERA, poses, OPTICS)
     patches = square(rotation, translation)
     mean = expected_levels(patches, PAPER_CAMERA, rotation, translation, OPTICS)
-    covariance = np.linalg.inv(found.information[0])
+    covariance = np.linalg.inv(result.information[0])
     steps = np.diag(0.2 * np.sqrt(np.diag(covariance)))
     gradient = []
     for k in range(6):
         ends = [
-            expected_levels(patches, PAPER_CAMERA, *(each[0] for each in moved), OPTICS)
+            expected_levels(patches, PAPER_CAMERA, *(item[0] for item in moved), OPTICS)
             for moved in (apply_pose_step(rotation[None], translation[None], s * steps[[k]]) for s in (1, -1))
         ]
         gradient.append((ends[0] - ends[1]).astype(float) / (2 * steps[k, k]))
     used = np.any(gradient, axis=0)
-    weights = np.array([each[used] for each in gradient]) / OPTICS.grey_noise(mean[used]) ** 2
+    weights = np.array([item[used] for item in gradient]) / OPTICS.grey_noise(mean[used]) ** 2
     rng = np.random.default_rng(5)
     images = (render_patches(patches, PAPER_CAMERA, rotation, translation, OPTICS, rng)[used] for _ in range(400))
     errors = np.array([covariance @ (weights @ (image - mean[used])) for image in images])
-    nees = np.einsum("ti,ij,tj->t", errors, found.information[0], errors)
+    nees = np.einsum("ti,ij,tj->t", errors, result.information[0], errors)
     # Chi-square with 6 degrees of freedom: 12 variance, so 3 standard deviations of the mean are 0.52.
     assert nees.mean() == pytest.approx(6, abs=0.52)
 
@@ -142,5 +142,5 @@ def test_it_goes_with_contrast_and_noise():
 def test_values_of_the_default_marker_in_the_paper_s_poses(pentagon):
     """A twentieth of the poses; others computed 0.0098 deg for another choice of 20."""
     poses = taken(*range(10, 400, 20))
-    found = photometric_bounds(partial(seen_patches, pentagon, PAPER_CAMERA), PAPER_CAMERA, poses, OPTICS)
-    assert np.sqrt(np.mean(found.rotation_deg**2)) == pytest.approx(0.0098, rel=0.05)
+    result = photometric_bounds(partial(seen_patches, pentagon, PAPER_CAMERA), PAPER_CAMERA, poses, OPTICS)
+    assert np.sqrt(np.mean(result.rotation_deg**2)) == pytest.approx(0.0098, rel=0.05)

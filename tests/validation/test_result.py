@@ -102,16 +102,16 @@ def leaves(tree, path=()):
 @given(st.dictionaries(KEYS, TREES, min_size=1, max_size=4), NUMBERS)
 def test_every_number_can_be_reached(results, limit):
     """Where two leaves have the same dotted path, either will do."""
-    found = {}
+    result = {}
     for path, value in leaves(results):
-        found.setdefault(path, []).append(value)
-    for path, values in found.items():
+        result.setdefault(path, []).append(value)
+    for path, values in result.items():
         passed, message = check_condition(f"{path} > {limit!r}", results)
         assert passed in {not value > limit for value in values}
         assert message.startswith(f"{path} = ")
 
 
 def test_a_value_that_does_not_exist_fails_the_check():
-    passed, said = check_condition("estimators.lm.efficiency < 0.9", RESULTS)
+    passed, message = check_condition("estimators.lm.efficiency < 0.9", RESULTS)
     assert not passed
-    assert "no value" in said
+    assert "no value" in message

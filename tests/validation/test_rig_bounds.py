@@ -31,19 +31,19 @@ def test_a_rig_of_one_marker_has_the_errors_of_that_marker():
     every = series(rig, errors, poses)
     assert every.coverage.seen.all()
     expected = budget_of(series(marker, errors, poses))
-    for found in (budget_of(every), budget_of(every, alone=True)):
-        np.testing.assert_allclose(found.total, expected.total, rtol=1e-9)
-        np.testing.assert_allclose(found.print, expected.print, rtol=1e-9)
+    for result in (budget_of(every), budget_of(every, alone=True)):
+        np.testing.assert_allclose(result.total, expected.total, rtol=1e-9)
+        np.testing.assert_allclose(result.print, expected.print, rtol=1e-9)
 
 
 def test_the_information_of_plates_adds_up():
     every = series(cube())
-    shown, noise = every.coverage, image_covariance(every.marker, PAPER_CAMERA, AROUND, every.optics)
+    printed, noise = every.coverage, image_covariance(every.marker, PAPER_CAMERA, AROUND, every.optics)
     joint = budget_of(every)
-    for pose in np.flatnonzero(shown.plates > 1)[:8]:
-        on_plates = [dots[shown.seen[pose, dots]] for dots in shown.on_plates]
+    for pose in np.flatnonzero(printed.plates > 1)[:8]:
+        on_plates = [dots[printed.seen[pose, dots]] for dots in printed.on_plates]
         whole = [dots for dots in on_plates if len(dots) > 3]
-        if sum(map(len, whole)) < shown.seen[pose].sum():
+        if sum(map(len, whole)) < printed.seen[pose].sum():
             continue
         parts = [np.linalg.inv(rig_budget(every, pose, dots, noise[pose, dots]).image[0]) for dots in whole]
         np.testing.assert_allclose(np.linalg.inv(joint.image[pose]), sum(parts), rtol=1e-6)
@@ -54,34 +54,35 @@ def test_what_moves_all_plates_together_moves_the_pose():
     rig, motion = cube(), np.random.default_rng(0).normal(size=(6, 6)) * 1e-3
     # A plate at R x + s, moved by (w, dt) of the whole rig, is turned by w and shifted by dt + w x s.
     moved = [
-        np.block([[np.eye(3), np.zeros((3, 3))], [-skew(each.translation_vector), np.eye(3)]]) for each in rig.markers
+        np.block([[np.eye(3), np.zeros((3, 3))], [-skew(marker.translation_vector), np.eye(3)]])
+        for marker in rig.markers
     ]
     relation = np.concatenate(moved) @ motion @ motion.T @ np.concatenate(moved).T
     relation = (relation + relation.T) / 2
     every = series(replace(rig, relation=relation.tolist()))
-    found = budget_of(every).print
+    results = budget_of(every).print
     for pose in np.flatnonzero(every.coverage.served):
-        turn = np.kron(np.eye(2), AROUND.rotation[pose])
-        np.testing.assert_allclose(found[pose], turn @ motion @ motion.T @ turn.T, atol=1e-10)
+        rotation = np.kron(np.eye(2), AROUND.rotation[pose])
+        np.testing.assert_allclose(results[pose], rotation @ motion @ motion.T @ rotation.T, atol=1e-10)
 
 
 def test_a_dot_counts_where_it_is_whole_and_large_enough():
     rig = cube()
-    turn = np.diag([1.0, -1.0, -1.0])
+    rotation = np.diag([1.0, -1.0, -1.0])
     near, far, aside = (np.array(place) for place in ([0, 0, 0.07], [0, 0, 4.0], [0.12, 0, 0.4]))
-    poses = PoseDistribution("", np.stack([turn] * 3), np.stack([near, far, aside]))
+    poses = PoseDistribution("", np.stack([rotation] * 3), np.stack([near, far, aside]))
     every = series(rig, poses=poses)
-    shown = every.coverage
+    printed = every.coverage
     # From 3 cm above the upper face: what is in the image is within 12 x 9 mm; from 4 m: dots of 2.4 px.
-    assert not shown.seen[:2].any()
-    assert shown.served.tolist() == [False, False, True]
+    assert not printed.seen[:2].any()
+    assert printed.served.tolist() == [False, False, True]
     pixels = PAPER_CAMERA.project(rig.xyz, poses.rotation[2:], poses.translation[2:])[0]
     top = rig.owner == 4
     # At a depth of 36 cm, parallel to the image.
     radius = 800 * 0.006 / 0.36
     expected = pixels[top, 0] + radius < 639.5
     assert 0 < expected.sum() < 6
-    assert (shown.seen[2, top] == expected).all()
+    assert (printed.seen[2, top] == expected).all()
     assert np.isinf(budget_of(every).total[:2]).all()
 
 

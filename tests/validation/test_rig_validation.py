@@ -40,8 +40,8 @@ def test_results_are_plain_json_and_views_are_of_the_rig(found, tmp_path):
     assert results["views"]["detected"] == 6
     assert results["views"]["wrong"] == 0
     groups = results["views"]["by_plates"]
-    assert sum(each["count"] for each in groups.values()) == 6
-    assert sum(each["poses"] for each in results["headline"]["by_plates"].values()) == results["poses"]["served"]
+    assert sum(item["count"] for item in groups.values()) == 6
+    assert sum(item["poses"] for item in results["headline"]["by_plates"].values()) == results["poses"]["served"]
     assert found.check("estimators.lm.failure_rate > 0") == (True, "estimators.lm.failure_rate = 0 <= 0")
     files = [tmp_path / name for name in ("report.html", "rig.json", "plot.svg")]
     written = found.save(*files, pictures=tmp_path / "pictures")
@@ -51,8 +51,8 @@ def test_results_are_plain_json_and_views_are_of_the_rig(found, tmp_path):
     assert len(page.of("svg")) == 5
     assert len(page.of("img")) == 6
     assert "plate 4" in page.text
-    (dome,) = (json.loads(each["data-dome"]) for each in page.of("div") if "data-dome" in each)
-    assert sum(each is not None for each in dome["poses"]["rotation"]) == results["poses"]["served"]
+    (dome,) = (json.loads(item["data-dome"]) for item in page.of("div") if "data-dome" in item)
+    assert sum(item is not None for item in dome["poses"]["rotation"]) == results["poses"]["served"]
 
 
 def test_what_is_said_has_the_numbers(found):
@@ -128,8 +128,8 @@ def test_a_rig_is_assembled_as_its_relation_says(rig):
     sigma = np.tile([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4], 6)
     loose, rng = replace(rig, relation=np.diag(sigma**2).tolist()), np.random.default_rng(0)
     made = [misprinted(loose, ErrorSources(0.0), rng) for _ in range(200)]
-    shifts = np.array([[each.translation_vector for each in one.markers] for one in made]) - [
-        each.translation_vector for each in rig.markers
+    shifts = np.array([[marker.translation_vector for marker in one.markers] for one in made]) - [
+        marker.translation_vector for marker in rig.markers
     ]
     # 3600 samples: 5 standard errors of their standard deviation are 6 %.
     assert shifts.std() == pytest.approx(1e-4, rel=0.06)
@@ -143,10 +143,10 @@ def test_views_are_as_good_as_expected(rig):
         errors=ErrorSources(1e-4),
     )  # fmt: skip
     records = take_records(series)
-    several = [each for each in records if series.coverage.plates[each.pose] > 2 and each.detected]
-    assert all(each.detected for each in records)
-    expected = budget_of(series).rotation_deg["total"][[each.pose for each in several]]
+    several = [item for item in records if series.coverage.plates[item.pose] > 2 and item.detected]
+    assert all(item.detected for item in records)
+    expected = budget_of(series).rotation_deg["total"][[item.pose for item in several]]
     # Some 170 views of three degrees of freedom: the standard error of the RMS is some 4 %.
-    measured = np.sqrt(np.mean([each.rotation_deg**2 for each in several]))
+    measured = np.sqrt(np.mean([item.rotation_deg**2 for item in several]))
     assert measured == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.15)
     assert record(series, series.take(0)).rotation_deg == records[0].rotation_deg

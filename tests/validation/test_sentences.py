@@ -23,11 +23,11 @@ def test_what_limits_the_pose_is_the_largest_source(source, word):
 
 
 def test_two_sources_are_told_apart_and_an_even_share_is_no_reason_to_stop():
-    found = said({"image": 1.0, "print": 0.9}, {"image": 0.1, "print": 0.2, "camera": None})
-    assert sentence("limits", "image noise", "rotation") in found[0]
-    assert sentence("limits", "the print", "translation") in found[1]
-    assert not any("next to nothing" in line for line in found)
-    assert "--camera-covariance" in found[2]
+    results = said({"image": 1.0, "print": 0.9}, {"image": 0.1, "print": 0.2, "camera": None})
+    assert sentence("limits", "image noise", "rotation") in results[0]
+    assert sentence("limits", "the print", "translation") in results[1]
+    assert not any("next to nothing" in line for line in results)
+    assert "--camera-covariance" in results[2]
 
 
 def test_of_a_measured_print_the_calibration_says_whether_photographs_help():
@@ -76,9 +76,9 @@ def test_poses_that_are_left_out_are_counted_where_they_are_most(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("aperture", "words"),
+    ("aperture", "phrase"),
     [(0.0, "Optics: blur 0.7 px."), (2.0, "Optics: blur 0.7 px, aperture 2 mm, focus 1, wavelength 550 nm.")],
 )
-def test_optics_are_those_that_act(aperture, words):
+def test_optics_are_those_that_act(aperture, phrase):
     optics = {"blur_px": 0.7, "motion_px": 0.0, "aperture_mm": aperture, "focus": 1.0, "wavelength_nm": 550.0}
-    assert sentences.image_sentences({"detected": 1, "count": 1, "wrong": 0, "optics": optics})[-1] == words
+    assert sentences.image_sentences({"detected": 1, "count": 1, "wrong": 0, "optics": optics})[-1] == phrase

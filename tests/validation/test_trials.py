@@ -33,10 +33,10 @@ def images(*args, index=0, **options):
 
 
 def test_noise_is_gaussian_of_the_given_size_around_the_exact_points(pentagon):
-    found = images(pentagon, runs=20_000, noise_px=0.5)
+    result = images(pentagon, runs=20_000, noise_px=0.5)
     setup = experiment(pentagon)
     exact = project(pentagon.xyz, setup.poses.rotation[:1], setup.poses.translation[:1], PAPER_CAMERA.matrix)[0]
-    residual = (found - exact).reshape(20_000, -1)
+    residual = (result - exact).reshape(20_000, -1)
     # Five standard deviations of a mean (sigma/sqrt(N)) and of a covariance (sigma^2 sqrt(2/N)).
     assert np.abs(residual.mean(axis=0)).max() < 5 * 0.5 / np.sqrt(20_000)
     assert np.abs(np.cov(residual.T) - 0.25 * np.eye(10)).max() < 5 * 0.25 * np.sqrt(2 / 20_000)
@@ -95,9 +95,9 @@ def test_nees_is_that_of_lm_alone(pentagon):
 def test_validation_points_at_the_horizon_are_left_out(pentagon):
     """A marker so near that part of the wider grid lies behind the camera still has a finite HE."""
     poses = paper()
-    near = PoseDistribution("near", poses.rotation[[90]], 0.4 * poses.translation[[90]])
+    nearby = PoseDistribution("near", poses.rotation[[90]], 0.4 * poses.translation[[90]])
     setup = experiment(pentagon)
-    setup = Experiment(pentagon.xyz, 0.15, PAPER_CAMERA, near, setup.bounds, 0.0, 2, 0, ("dlt",))
+    setup = Experiment(pentagon.xyz, 0.15, PAPER_CAMERA, nearby, setup.bounds, 0.0, 2, 0, ("dlt",))
     assert np.sqrt(run_trials(setup, [0])[0]["dlt"].he_px2).max() < 1e-5
 
 
@@ -114,8 +114,8 @@ def test_noise_is_that_of_the_image_as_taken_and_the_homography_ideal(pentagon):
     setup = replace(experiment(pentagon, runs=4, noise_px=0.0), camera=replace(PAPER_CAMERA, distortion=lens))
     poses = setup.poses
     taken = setup.camera.project(pentagon.xyz, poses.rotation[:1], poses.translation[:1])[0]
-    found = np.concatenate(list(noisy_images(setup, 0)))
-    np.testing.assert_array_equal(found, np.broadcast_to(taken, found.shape))
+    result = np.concatenate(list(noisy_images(setup, 0)))
+    np.testing.assert_array_equal(result, np.broadcast_to(taken, result.shape))
     assert (
         np.abs(taken - project(pentagon.xyz, poses.rotation[:1], poses.translation[:1], PAPER_CAMERA.matrix)).max() > 1
     )
@@ -157,18 +157,18 @@ def test_progress_ends_at_the_number_of_poses(pentagon, monkeypatch):
 
 
 def test_no_runs_give_the_bounds_alone(pentagon):
-    found = run_experiment(pentagon, PAPER_CAMERA, paper(), runs=0).as_dict()
-    assert found["estimators"] == found["homography"] == {}
-    assert found["nees"] is None
-    assert found["bound"]["rotation_deg"] > 0
+    results = run_experiment(pentagon, PAPER_CAMERA, paper(), runs=0).as_dict()
+    assert results["estimators"] == results["homography"] == {}
+    assert results["nees"] is None
+    assert results["bound"]["rotation_deg"] > 0
 
 
 def test_poses_that_do_not_see_the_marker_whole_are_dropped_and_counted(pentagon):
     poses = some(0, 100)
-    near = PoseDistribution("near", poses.rotation, poses.translation * [[0.3], [1]])
-    found = run_experiment(pentagon, PAPER_CAMERA, near, runs=3, estimators=["lm"]).as_dict()
-    assert found["poses"] == {"name": "near", "count": 1, "dropped": 1}
-    assert found["estimators"]["lm"]["rotation_deg"]["count"] == 3
+    nearby = PoseDistribution("near", poses.rotation, poses.translation * [[0.3], [1]])
+    results = run_experiment(pentagon, PAPER_CAMERA, nearby, runs=3, estimators=["lm"]).as_dict()
+    assert results["poses"] == {"name": "near", "count": 1, "dropped": 1}
+    assert results["estimators"]["lm"]["rotation_deg"]["count"] == 3
 
 
 class Liar(PoseEstimator):
@@ -194,10 +194,10 @@ def test_flips_and_failures_are_counted(pentagon, monkeypatch, index, flips):
     poses = some(index)
     ESTIMATORS.names()
     monkeypatch.setitem(ESTIMATORS._entries, "liar", Liar(poses))
-    found = run_experiment(pentagon, PAPER_CAMERA, poses, runs=40, estimators=["liar"], workers=1).as_dict()[
+    results = run_experiment(pentagon, PAPER_CAMERA, poses, runs=40, estimators=["liar"], workers=1).as_dict()[
         "estimators"
     ]
-    liar = found["liar"]
+    liar = results["liar"]
     assert liar["failure_rate"] == 0.5
     assert liar["flip_rate"] == (0.25 if flips else 0)
     # Failures are out of the statistics, flips are in.
@@ -210,9 +210,9 @@ def test_flips_and_failures_are_counted(pentagon, monkeypatch, index, flips):
 def test_relief_leaves_the_planar_estimators_out(pentagon):
     points = [ControlPoint(p.id, p.x, p.y, 0.02 * (p.id % 2), Feature(0.03)) for p in pentagon.control_points]
     relief = Marker(tuple(points), pentagon.boundary, pentagon.clearance)
-    found = run_experiment(relief, PAPER_CAMERA, some(50), runs=3).as_dict()
-    assert list(found["estimators"]) == ["epnp", "lm", "sqpnp"]
-    assert found["homography"] == {}
+    results = run_experiment(relief, PAPER_CAMERA, some(50), runs=3).as_dict()
+    assert list(results["estimators"]) == ["epnp", "lm", "sqpnp"]
+    assert results["homography"] == {}
     with pytest.raises(InputError, match="relief"):
         run_experiment(relief, PAPER_CAMERA, some(50), runs=3, estimators=["lm", "ippe"])
 
@@ -245,16 +245,16 @@ def test_lm_reaches_the_bound_where_it_holds(pentagon):
     for N = 12,800. Four of them are allowed; the bound's own first-order error is below 0.3 % here.
     """
     poses = some(*np.flatnonzero(paper().polar_angle_deg > 10))
-    found = run_experiment(pentagon, PAPER_CAMERA, poses, runs=40, estimators=["lm"], workers=1).as_dict()
+    results = run_experiment(pentagon, PAPER_CAMERA, poses, runs=40, estimators=["lm"], workers=1).as_dict()
     count = len(poses) * 40
     tolerance = 4 * np.sqrt(2 / count) / 2 + 0.003
-    lm, bound = found["estimators"]["lm"], found["bound"]
+    lm, bound = results["estimators"]["lm"], results["bound"]
     assert lm["rotation_deg"]["rms"] == pytest.approx(bound["rotation_deg"], rel=tolerance)
     assert lm["translation_pct"]["rms"] == pytest.approx(bound["translation_pct"], rel=tolerance)
     assert lm["flip_rate"] == lm["failure_rate"] == 0
     low, high = mean_nees_interval(count)
-    assert found["nees"]["count"] == count
-    assert low < found["nees"]["mean"] < high
+    assert results["nees"]["count"] == count
+    assert low < results["nees"]["mean"] < high
 
 
 @pytest.mark.long
@@ -263,15 +263,15 @@ def test_lm_is_near_the_bound_over_all_poses_of_the_paper(pentagon):
 
     The far frontal poses, 4,000 trials with nearly all of the mean square, leave it a standard deviation of 1 %.
     """
-    found = run_experiment(pentagon, PAPER_CAMERA, paper(), runs=200, estimators=["lm"]).as_dict()
-    assert found["estimators"]["lm"]["rotation_deg"]["rms"] == pytest.approx(
-        found["bound"]["rotation_deg"], rel=0.05 + 0.01
+    results = run_experiment(pentagon, PAPER_CAMERA, paper(), runs=200, estimators=["lm"]).as_dict()
+    assert results["estimators"]["lm"]["rotation_deg"]["rms"] == pytest.approx(
+        results["bound"]["rotation_deg"], rel=0.05 + 0.01
     )
     for angle in ("17.5", "35", "52.5", "70"):
-        group = found["nees"]["by_polar_angle"][angle]
+        group = results["nees"]["by_polar_angle"][angle]
         assert group["interval"][0] < group["mean"] < group["interval"][1]
         # 16,000 trials: four standard deviations of the mean square, sqrt(2/N) each, and 1 % of the bound's own error.
-        efficiency = found["estimators"]["lm"]["by_polar_angle"][angle]["efficiency"]
+        efficiency = results["estimators"]["lm"]["by_polar_angle"][angle]["efficiency"]
         assert efficiency == pytest.approx(1, abs=4 * np.sqrt(2 / 16_000) + 0.01)
 
 

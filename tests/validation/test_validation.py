@@ -47,7 +47,7 @@ def test_criteria_bounds_and_condition_tell_one_story(results, setting, pentagon
 
 
 def test_tables_show_the_numbers_of_the_results(results):
-    shown = [
+    printed = [
         tables.rotation_table(results),
         tables.translation_table(results),
         tables.polar_angle_table(results, "rotation_deg"),
@@ -60,9 +60,9 @@ def test_tables_show_the_numbers_of_the_results(results):
         tables.estimator_table(results["views"]),
         tables.stress_table(results["views"]),
     ]
-    for _, header, rows, _ in shown:
+    for _, header, rows, _ in printed:
         assert {len(row) for row in rows} == {len(header)}
-    for (_, header, rows, _), key in zip(shown, ("rotation_deg", "translation_pct"), strict=False):
+    for (_, header, rows, _), key in zip(printed, ("rotation_deg", "translation_pct"), strict=False):
         named = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
         for statistic in ("mean", "std", "rms", "median", "p95", "max"):
             expected = results["estimators"]["lm"][key][statistic]
@@ -157,8 +157,8 @@ def test_a_relief_and_a_lens_are_said(results):
     raised = results | {"camera": camera, "criteria": criteria, "estimators": estimators}
     assert tables.conditions(raised).endswith(", equidistant lens")
     assert not tables.conditions(results).endswith("lens")
-    said = "DLT and IPPE assume a plane and step aside"
-    assert any(line.startswith(said) for line in sentences.trial_sentences(raised))
-    assert not any(line.startswith(said) for line in sentences.trial_sentences(results))
+    message = "DLT and IPPE assume a plane and step aside"
+    assert any(line.startswith(message) for line in sentences.trial_sentences(raised))
+    assert not any(line.startswith(message) for line in sentences.trial_sentences(results))
     assert "IPPE" not in tables.rotation_table(raised)[3]
     assert "IPPE" in tables.rotation_table(results)[3]

@@ -81,8 +81,8 @@ def test_wrong_labels_are_counted_apart(ngon, monkeypatch):
     honest = views.detect
 
     def careless(*arguments):
-        found = honest(*arguments)
-        return replace(found, finding=found.finding._replace(pixels=np.roll(found.pixels, 1, axis=0)))
+        finding = honest(*arguments)
+        return replace(finding, finding=finding.finding._replace(pixels=np.roll(finding.pixels, 1, axis=0)))
 
     monkeypatch.setattr(views, "detect", careless)
     series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=3)
@@ -110,9 +110,9 @@ def test_progress_counts_to_the_end(series):
 def test_print_error_costs_what_the_budget_says(series):
     sources = ErrorSources(print_sigma=1e-3)
     printed = replace(series, errors=sources, count=100)
-    found = summarize(printed, take_records(printed, workers=1))
+    results = summarize(printed, take_records(printed, workers=1))
     budget = error_budget(printed)
-    measured = found["estimators"][DETECTOR]["rotation_deg"]["rms"]
+    measured = results["estimators"][DETECTOR]["rotation_deg"]["rms"]
     # Frontal poses dominate and a fifth of 100 views are such: their RMS is known to about 15 %, twice that is allowed.
     # 1 mm is ten times a good print, and far frontal poses leave the first order by some per cent more.
     assert measured == pytest.approx(budget["rotation_deg"]["total"], rel=0.35)
@@ -130,10 +130,10 @@ def test_hidden_dots_leave_poses_of_the_others(series):
 @pytest.mark.long
 def test_claimed_covariance_holds(ngon):
     series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=2000)
-    found = summarize(series, take_records(series))
-    assert found["rate"] >= 0.995
-    assert found["wrong"] == 0
-    low, high = found["nees"]["coverage_interval"]
+    results = summarize(series, take_records(series))
+    assert results["rate"] >= 0.995
+    assert results["wrong"] == 0
+    low, high = results["nees"]["coverage_interval"]
     # Residuals may widen a covariance and never narrow it: of five dots, the region of 95 % holds 95 to 97 %.
     assert low <= view_records.NOMINAL_COVERAGE + 0.02
     assert high >= view_records.NOMINAL_COVERAGE
@@ -143,21 +143,21 @@ def test_claimed_covariance_holds(ngon):
 @pytest.mark.parametrize("optics", [Optics(blur_px=2.0), Optics(noise_grey=8.0), Optics(dark=15, light=112.5)])
 def test_no_wrong_labels_under_worse_conditions(ngon, optics):
     series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=400, optics=optics)
-    found = summarize(series, take_records(series))
-    assert found["wrong"] == 0
-    assert found["rate"] > 0.9
+    results = summarize(series, take_records(series))
+    assert results["wrong"] == 0
+    assert results["rate"] > 0.9
 
 
 def test_every_condition_is_told(ngon):
     calls = []
     series = SyntheticViews(ngon(), PAPER_CAMERA, paper(), count=5)
-    found = stress(series, workers=1, progress=lambda done, total: calls.append((done, total)))
-    assert list(found) == list(CONDITIONS)
+    results = stress(series, workers=1, progress=lambda done, total: calls.append((done, total)))
+    assert list(results) == list(CONDITIONS)
     assert calls[-1] == (25, 25)
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
-    for name, summary in found.items():
+    for name, summary in results.items():
         assert summary["count"] == 5, name
         assert summary["wrong"] == 0, name
-    assert found["blur 2 px"]["optics"]["blur_px"] == 2
-    assert found["half the light"]["optics"]["light"] == 112.5
-    assert found["one dot hidden"]["hidden"] == 1
+    assert results["blur 2 px"]["optics"]["blur_px"] == 2
+    assert results["half the light"]["optics"]["light"] == 112.5
+    assert results["one dot hidden"]["hidden"] == 1

@@ -101,7 +101,7 @@ def test_optics_are_used(ngon):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"count": -1}, "0 to 1000000 views"),
         ({"seed": -1}, "seed"),
@@ -109,8 +109,8 @@ def test_optics_are_used(ngon):
         ({"background": "fog"}, "clutter"),
     ],
 )
-def test_impossible_series_are_refused(ngon, options, said):
-    with pytest.raises(InputError, match=said):
+def test_impossible_series_are_refused(ngon, options, message):
+    with pytest.raises(InputError, match=message):
         SyntheticViews(ngon(), PAPER_CAMERA, POSES, **options)
 
 
@@ -124,10 +124,10 @@ def test_failures_come_first_then_the_worst_then_others(ngon):
     series = SyntheticViews(ngon(diameter=0.010), PAPER_CAMERA, paper(), count=20, optics=Optics(noise_grey=6))
     views = summarize(series, take_records(series, workers=1))
     assert 0 < views["detected"] < 20
-    shown = list(pictures(series, views))
-    kinds = [picture.name.split("-")[0] for picture in shown]
+    printed = list(pictures(series, views))
+    kinds = [picture.name.split("-")[0] for picture in printed]
     assert kinds == sorted(kinds, key=["failure", "worst", "typical"].index)
     assert set(kinds) == {"failure", "worst", "typical"}
-    assert len({picture.name for picture in shown}) == len(shown)
-    assert all(picture.png.startswith(b"\x89PNG") for picture in shown)
-    assert shown[0].caption.endswith(f"{views['failures'][0]['reason']}.") or len(views["failures"]) > 6
+    assert len({picture.name for picture in printed}) == len(printed)
+    assert all(picture.png.startswith(b"\x89PNG") for picture in printed)
+    assert printed[0].caption.endswith(f"{views['failures'][0]['reason']}.") or len(views["failures"]) > 6

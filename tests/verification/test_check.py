@@ -266,8 +266,8 @@ def test_the_files_own_labels_are_not_asked(markers, files, tmp_path):
     text = files("5 skew", ".svg").read_text()
     (tmp_path / "a.svg").write_text(text.replace('id="dot-', 'id="thing-'))
     assert verify(marker, tmp_path / "a.svg").passed
-    turned = re.sub(r"(<svg[^>]*>)", r'\1<g transform="translate(2 7) rotate(33 74 105)">', text, count=1)
-    (tmp_path / "b.svg").write_text(turned.replace("</svg>", "</g></svg>"))
+    rotated = re.sub(r"(<svg[^>]*>)", r'\1<g transform="translate(2 7) rotate(33 74 105)">', text, count=1)
+    (tmp_path / "b.svg").write_text(rotated.replace("</svg>", "</g></svg>"))
     assert verify(marker, tmp_path / "b.svg").passed
 
 

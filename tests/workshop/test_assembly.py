@@ -28,7 +28,9 @@ def prism(sides=6, width=0.06, height=0.1):
         out, up = np.array([np.sin(angle), 0, np.cos(angle)]), np.array([0, 1.0, 0])
         turns.append(np.stack([np.cross(up, out), up, out], axis=1))
     distance = width / 2 / np.tan(np.pi / sides)
-    return mounted([plate(k, width, height) for k in range(sides)], turns, [distance * turn[:, 2] for turn in turns])
+    return mounted(
+        [plate(k, width, height) for k in range(sides)], turns, [distance * rotation[:, 2] for rotation in turns]
+    )
 
 
 @pytest.mark.parametrize("process", ["fdm", pytest.param("cnc", marks=pytest.mark.long), "laser"])
@@ -36,7 +38,7 @@ def test_body_and_inlays_of_a_cube_fill_it(process):
     made = made_of(cube(0.08), Fabrication(process=process, gap=0.0 if process == "cnc" else None))
     body, *inlays = made.parts
     assert body.name == BODY
-    engraved = sum(each.volume for part in body.pieces for each in part.part.marked)
+    engraved = sum(item.volume for part in body.pieces for item in part.part.marked)
     assert sum(part.volume for part in made.parts) + engraved == pytest.approx(80**3, rel=1e-12)
     assert len(made.block) == 6
     assert {part.material for part in inlays} <= {"dark", "light"}
@@ -53,12 +55,12 @@ def test_inlays_lie_flush_in_the_faces_of_a_cube():
     made = made_of(rig, FDM)
     meshes = meshes_of(made.parts, 0.005)
     seen = 0
-    for each in rig.markers:
-        for point in each.marker.control_points:
+    for marker in rig.markers:
+        for point in marker.marker.control_points:
             [mesh] = [
-                m for m, part in zip(meshes, made.parts, strict=True) if part.name == f"{each.name}/dot-{point.id}"
+                m for m, part in zip(meshes, made.parts, strict=True) if part.name == f"{marker.name}/dot-{point.id}"
             ]
-            local = each.to_marker(mesh.points / 1e3)
+            local = marker.to_marker(mesh.points / 1e3)
             low, high = local.min(axis=0), local.max(axis=0)
             np.testing.assert_allclose((low + high)[:2] / 2, [point.x, point.y], atol=2e-7)
             np.testing.assert_allclose([low[2], high[2]], [-0.0006, 0], atol=2e-7)
@@ -79,7 +81,7 @@ def test_the_open_ends_of_a_prism_are_closed():
 def test_balls_lower_the_faces_of_a_block():
     square = build_marker(regular_polygon(4, 0.02), rectangle(0.08, 0.08), diameter=0.006, clearance=0.0006)
     whole, balls = cube(0.08), Fabrication(process="dome", dome="ball")
-    turns, places = zip(*((each.rotation_matrix, each.translation_vector) for each in whole.markers), strict=True)
+    turns, places = zip(*((marker.rotation_matrix, marker.translation_vector) for marker in whole.markers), strict=True)
     made = made_of(mounted([square] * 6, turns, places), balls)
     low = made.block[0].height
     assert low < 0
@@ -96,11 +98,11 @@ def test_a_wall_is_an_assembly_of_the_plates_of_its_markers():
     names = [part.name for part in made.parts]
     assert names[0] == "plate 0/plate"
     meshes = dict(zip(names, meshes_of(made.parts, 0.005), strict=True))
-    for each in rig.markers:
-        for part in parts_of(each.marker, FDM).parts:
-            [alone], placed = meshes_of((part,), 0.005), meshes[f"{each.name}/{part.name}"]
+    for marker in rig.markers:
+        for part in parts_of(marker.marker, FDM).parts:
+            [alone], placed = meshes_of((part,), 0.005), meshes[f"{marker.name}/{part.name}"]
             np.testing.assert_allclose(
-                placed.points.min(axis=0) / 1e3, each.to_body(alone.points / 1e3).min(axis=0), atol=1e-6
+                placed.points.min(axis=0) / 1e3, marker.to_body(alone.points / 1e3).min(axis=0), atol=1e-6
             )
             assert mesh_volume(placed) == pytest.approx(mesh_volume(alone), rel=1e-5)
 
@@ -116,9 +118,9 @@ def three_faces_of_a_cube():
     whole = cube()
     chosen = whole.markers[::2]
     return (
-        [each.marker for each in chosen],
-        [each.rotation_matrix for each in chosen],
-        [each.translation_vector for each in chosen],
+        [item.marker for item in chosen],
+        [item.rotation_matrix for item in chosen],
+        [item.translation_vector for item in chosen],
     )
 
 
@@ -150,9 +152,9 @@ def test_plates_side_by_side_do_not_overlap():
 
 def test_inlays_that_meet_inside_of_a_block_are_refused():
     rig = cube(0.08)
-    thick = [replace_plate(each.marker, Substrate(thickness=0.03)) for each in rig.markers]
+    thick = [replace_plate(marker.marker, Substrate(thickness=0.03)) for marker in rig.markers]
     rig = mounted(
-        thick, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
+        thick, [marker.rotation_matrix for marker in rig.markers], [marker.translation_vector for marker in rig.markers]
     )
     made_of(rig, Fabrication(depth=0.001))
     with pytest.raises(InputError, match="do not meet"):
@@ -164,25 +166,27 @@ def replace_plate(marker, substrate):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"process": "print"}, "--process"),
         ({"process": "cnc", "through": True}, "another --process"),
     ],
 )
-def test_what_a_block_cannot_have_is_refused(options, said):
-    with pytest.raises(InputError, match=said) as error:
+def test_what_a_block_cannot_have_is_refused(options, message):
+    with pytest.raises(InputError, match=message) as error:
         made_of(cube(), Fabrication(**options))
     assert "plate 0" in str(error.value)
 
 
 def test_a_block_has_no_chamfer():
     rig = cube()
-    cut = [replace_plate(each.marker, Substrate(chamfer=0.001)) for each in rig.markers]
+    cut = [replace_plate(marker.marker, Substrate(chamfer=0.001)) for marker in rig.markers]
     with pytest.raises(InputError, match="as one block"):
         made_of(
             mounted(
-                cut, [each.rotation_matrix for each in rig.markers], [each.translation_vector for each in rig.markers]
+                cut,
+                [marker.rotation_matrix for marker in rig.markers],
+                [marker.translation_vector for marker in rig.markers],
             ),
             FDM,
         )

@@ -21,9 +21,9 @@ def polygon(outer, *holes):
 
 def engraved(marker, cut=(), thickness=3.0):
     plate = plate_of(marker)
-    found = engraving(marker, plate.outline, -thickness, cut)
+    result = engraving(marker, plate.outline, -thickness, cut)
     outline = shapely.union_all([polygon(*outline) for outline in plate.outlines])
-    return outline, found, [polygon(prism.outer, *prism.holes) for prism in found.cut]
+    return outline, result, [polygon(prism.outer, *prism.holes) for prism in result.cut]
 
 
 def pockets(marker, depth=0.6):
@@ -60,11 +60,11 @@ def test_arcs_stand_for_the_font_s_curves():
     curves = [points for command, points in text("3", 0, 0, 4.0, "center", "bold").segments if command == "Q"]
     assert 0 < sum(bulge != 0 for bulge in three.bulges) < len(curves)
     start, points = (0.0, 0.0), []
-    for _, given in text("3", 0, 0, 4.0, "center", "bold").segments:
-        if len(given) == 2:
+    for _, stated in text("3", 0, 0, 4.0, "center", "bold").segments:
+        if len(stated) == 2:
             t = np.linspace(0, 1, 9)[:, None]
-            points += ((1 - t) ** 2 * start + 2 * t * (1 - t) * np.array(given[0]) + t**2 * given[1]).tolist()
-        start = np.array(given[-1]) if given else start
+            points += ((1 - t) ** 2 * start + 2 * t * (1 - t) * np.array(stated[0]) + t**2 * stated[1]).tolist()
+        start = np.array(stated[-1]) if stated else start
     line = shapely.LinearRing(flattened(three, 1e-4))
     # 0.6 % of the height, and half as much again between the three points of each curve that are looked at.
     off = shapely.distance(line, shapely.points([(-x, y - 2.0) for x, y in points]))
@@ -73,12 +73,12 @@ def test_arcs_stand_for_the_font_s_curves():
 
 def test_name_hash_axes_and_ids(make_ngon):
     marker = make_ngon(5, 0.15, 0.036)
-    plate, found, shapes = engraved(marker, pockets(marker))
-    assert found.notes == ()
+    plate, result, shapes = engraved(marker, pockets(marker))
+    assert result.notes == ()
     # 9 letters and 8 digits, a cross with an arrow, an x, and five ids.
-    assert len(found.cut) == 17 + 2 + 5
-    assert all((prism.bottom, prism.top) == (-3.0, -3.0 + DEPTH) for prism in found.cut)
-    assert all(area(prism.outer) > 0 and all(area(hole) < 0 for hole in prism.holes) for prism in found.cut)
+    assert len(result.cut) == 17 + 2 + 5
+    assert all((prism.bottom, prism.top) == (-3.0, -3.0 + DEPTH) for prism in result.cut)
+    assert all(area(prism.outer) > 0 and all(area(hole) < 0 for hole in prism.holes) for prism in result.cut)
     assert all(shapely.buffer(plate, -MARGIN).contains(shape) for shape in shapes)
     # The cross is at the origin, and its arrow points along x.
     (axes,) = [shape for shape in shapes if shape.contains(shapely.Point(0, 0))]
@@ -98,14 +98,14 @@ def test_the_tag_is_named_too(make_ngon):
 def test_what_is_near_in_the_plate_is_kept_clear(make_ngon):
     marker = make_ngon(5, 0.15, 0.036)
     deep = pockets(marker, 3.0 - DEPTH - WALL + 1e-3)
-    _, found, shapes = engraved(marker, deep)
+    _, result, shapes = engraved(marker, deep)
     for p in marker.control_points:
         dot = shapely.Point(1e3 * p.x, 1e3 * p.y).buffer(500 * p.feature.diameter, quad_segs=64)
         # Polygons are 2 um off their arcs at most.
         assert min(dot.distance(shape) for shape in shapes) > MARGIN - 3e-3
         # Its id is next to it.
         assert any(dot.distance(shape) < 3 for shape in shapes)
-    assert found.notes == ()
+    assert result.notes == ()
     _, _, shallow = engraved(marker, pockets(marker, 3.0 - DEPTH - WALL - 1e-3))
     assert any(
         shapely.Point(1e3 * p.x, 1e3 * p.y).buffer(1).intersects(shape)
@@ -115,16 +115,16 @@ def test_what_is_near_in_the_plate_is_kept_clear(make_ngon):
 
 
 def test_what_has_no_room_is_left_out_and_said(make_ngon, shapes, make_in):
-    _, found, _ = engraved(make_ngon(4, 0.012, 0.004), pockets(make_ngon(4, 0.012, 0.004), 2.9))
-    assert found.notes == (sentence("back full", "origin and x-axis; name and spec hash"),)
+    _, result, _ = engraved(make_ngon(4, 0.012, 0.004), pockets(make_ngon(4, 0.012, 0.004), 2.9))
+    assert result.notes == (sentence("back full", "origin and x-axis; name and spec hash"),)
     marker = make_in(shapes["annulus"], 7, 0.01)
-    _, found, parts = engraved(marker)
-    assert found.notes == (sentence("back full", "origin and x-axis"),)
+    _, result, parts = engraved(marker)
+    assert result.notes == (sentence("back full", "origin and x-axis"),)
     assert len(parts) == 17 + 7
     full = [cylinder(0, 0, 200, -2.5, 0)]
-    _, found, parts = engraved(marker, full)
+    _, result, parts = engraved(marker, full)
     assert parts == []
-    assert found.notes == (
+    assert result.notes == (
         sentence("back full", "origin and x-axis; name and spec hash; ids 0, 1, 2, 3, 4 and 2 more"),
     )
 
@@ -152,7 +152,7 @@ def test_a_plate_that_letters_would_fall_out_of_is_not_engraved(make_ngon):
 def test_a_large_title_takes_no_room_from_ids(make_ngon):
     """In the largest letters, above the origin, it would be as wide as to cover those of dots 1 and 4."""
     marker = replace(make_ngon(5, 0.06, 0.014), tag=Tag("aruco:DICT_4X4_50", 3, 0.03))
-    _, found, shapes = engraved(marker)
-    assert found.notes == ()
+    _, result, shapes = engraved(marker)
+    assert result.notes == ()
     for p in marker.control_points:
         assert sum(shapely.Point(1e3 * p.x, 1e3 * p.y).buffer(7).contains(shape) for shape in shapes) == 1

@@ -17,11 +17,11 @@ def test_fits_are_tabulated_up_to_500_mm():
 
 def test_limits_are_those_of_iso_286_2():
     # From the tables of the standard: um above and below the nominal size.
-    known = {
+    reference = {
         ("disc", "slip", 36): (0, -25), ("pocket", "slip", 36): (64, 25),
         ("disc", "press", 36): (0, -16), ("pocket", "press", 36): (-17, -42),
     }  # fmt: skip
-    for (part, kind, size), (upper, lower) in known.items():
+    for (part, kind, size), (upper, lower) in reference.items():
         limits = getattr(disc_fit(kind, size), part)
         assert (limits.least, limits.most) == pytest.approx((size + lower / 1e3, size + upper / 1e3))
     # H8/f7 and H7/p6 of the core of a ring: 18 mm, 3 mm, and 2 mm, where p6 is an exception to the rule for P7.

@@ -82,8 +82,8 @@ def test_joined_and_cut_at_once():
     assert solid.shape.ShapeType() == "Solid"
     assert solid.shape.Volume() == pytest.approx(part.volume, rel=VOLUME)
     # The floors of what is marked, seen from above, and as the solid has them.
-    own = {face.hashCode() for face in solid.shape.Faces()}
-    assert all(face.hashCode() in own for face in solid.marked)
+    ours = {face.hashCode() for face in solid.shape.Faces()}
+    assert all(face.hashCode() in ours for face in solid.marked)
     floors = sorted((round(face.Center().z, 9), face.Area(), face.normalAt().z) for face in solid.marked)
     assert [z for z, _, _ in floors] == [-0.6, -0.5]
     assert [area for _, area, _ in floors] == pytest.approx([25 * pi, 12 * pi], rel=VOLUME)
@@ -99,7 +99,7 @@ def test_marks_that_share_a_height_with_pockets_are_told_apart():
 
 
 @pytest.mark.parametrize(
-    ("cut", "found"),
+    ("cut", "result"),
     [
         # Sticks out of the plate, cuts it in two, and leaves nothing of it.
         (cylinder(50, 0, 5, -1, 0), "edges that cross at z = 0 mm"),
@@ -109,8 +109,8 @@ def test_marks_that_share_a_height_with_pockets_are_told_apart():
         (Prism(Contour(((-60, -60), (60, -60), (60, 60), (-60, 60))), (), -4, 1), "nothing"),
     ],
 )
-def test_what_is_not_one_sound_solid_is_told_with_its_name(cut, found):
-    with pytest.raises(OutputError, match=f"the part 'plate-2', found .*{found}") as raised:
+def test_what_is_not_one_sound_solid_is_told_with_its_name(cut, result):
+    with pytest.raises(OutputError, match=f"the part 'plate-2', found .*{result}") as raised:
         build(Part("plate-2", "light", (Prism(SQUARE, (), -3, 0),), (cut,)))
     assert "\n" not in str(raised.value)
 

@@ -64,8 +64,8 @@ def test_the_thickness_that_a_message_names_is_enough(pentagon, name, thickness)
 
 
 def test_every_process_says_what_is_deep(pentagon):
-    words = {"fdm": "inlays", "cnc": "pockets", "laser": "engraving", "print": "recess", "dome": "plugs"}
-    for name, what in words.items():
+    phrase = {"fdm": "inlays", "cnc": "pockets", "laser": "engraving", "print": "recess", "dome": "plugs"}
+    for name, what in phrase.items():
         assert what in refusal(pentagon, Fabrication(name, depth=0.0029))
 
 

@@ -116,10 +116,10 @@ def test_the_mesh_is_that_of_the_solid_that_the_kernel_builds(part, tolerance):
         return BRepExtrema_DistShapeShape(vertex, shell).Value()
 
     mesh = mesh_of(part, tolerance)
-    some = np.random.default_rng(1).choice(len(mesh.triangles), 12, replace=False)
+    subset = np.random.default_rng(1).choice(len(mesh.triangles), 12, replace=False)
     # Half a step of the grid along each axis.
-    assert max(off(point) for point in mesh.points[mesh.triangles[some, 0]]) < 6e-5
-    assert max(off(point) for point in mesh.points[mesh.triangles[some]].mean(axis=1)) < tolerance + 1e-4
+    assert max(off(point) for point in mesh.points[mesh.triangles[subset, 0]]) < 6e-5
+    assert max(off(point) for point in mesh.points[mesh.triangles[subset]].mean(axis=1)) < tolerance + 1e-4
 
 
 @pytest.mark.parametrize(("radius", "tolerance"), [(18.0, 0.005), (0.3, 0.005), (150.0, 0.1)])
@@ -173,13 +173,13 @@ def test_what_is_open_or_inside_out_is_not_closed():
 
 
 @pytest.mark.parametrize(
-    ("cut", "found"),
+    ("cut", "result"),
     [
         ((cylinder(4.0, 0.0, 1.0, -1.0, 0.0),), "edges that cross at z = 0 mm"),
         ((cylinder(0.0, 0.0, 1.0, -1.0, 0.0), cylinder(0.0, 0.0, 2.0, -2.0, 0.0)), "bodies that overlap at z = 0 mm"),
         ((Prism(SQUARE, (), -1.0, 0.0),), "edges that cross at z = 0 mm"),
     ],
 )
-def test_bodies_that_make_no_closed_mesh_are_refused_by_name(cut, found):
-    with pytest.raises(OutputError, match=f"the part 'plate-2', found {found}"):
+def test_bodies_that_make_no_closed_mesh_are_refused_by_name(cut, result):
+    with pytest.raises(OutputError, match=f"the part 'plate-2', found {result}"):
         mesh_of(Part("plate-2", "light", (Prism(SQUARE, (), -3.0, 0.0),), cut), 0.005)

@@ -59,11 +59,11 @@ def test_any_outline_is_a_plate(shape, make_in):
         assert solid.shape.Volume() == pytest.approx(part.volume, rel=VOLUME)
     boxes = [solid.shape.BoundingBox() for solid in solids if solid.name.startswith("plate")]
     corners = 1e3 * np.concatenate(shape.outlines())
-    found = [min(box.xmin for box in boxes), max(box.ymax for box in boxes)]
+    results = [min(box.xmin for box in boxes), max(box.ymax for box in boxes)]
     # An edge is around a rectangle only; any other outline is the plate's.
     edge = 2.0 if len(corners) == 4 else 0.0
-    assert found[0] == pytest.approx(corners[:, 0].min() - edge, abs=1e-6)
-    assert found[1] == pytest.approx(corners[:, 1].max() + edge, abs=1e-6)
+    assert results[0] == pytest.approx(corners[:, 0].min() - edge, abs=1e-6)
+    assert results[1] == pytest.approx(corners[:, 1].max() + edge, abs=1e-6)
     assert {(round(box.zmin, 6), round(box.zmax, 6)) for box in boxes} == {(-3.0, 0.0)}
 
 

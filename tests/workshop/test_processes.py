@@ -131,8 +131,8 @@ def test_rims_of_dots_are_where_the_marker_says(make, variant, relief):
                 for edge in shape.Edges()
                 if edge.geomType() == "CIRCLE" and abs(edge.radius() - radius) < PLACE
             ]
-            found = [c for c in rims if abs(c.z - dot.z) < PLACE and np.hypot(c.x - dot.x, c.y - dot.y) < PLACE]
-            assert found, (dot, radius)
+            result = [c for c in rims if abs(c.z - dot.z) < PLACE and np.hypot(c.x - dot.x, c.y - dot.y) < PLACE]
+            assert result, (dot, radius)
 
 
 @pytest.mark.parametrize("dome", ["half", "ball"])

@@ -62,8 +62,8 @@ def test_a_window_clips_and_parts_out_of_it_are_left_out():
 
 def test_size_holds_arcs_exactly():
     c, s = cos(0.3), sin(0.3)
-    turned = Contour(((10 * c, 10 * s), (-10 * c, -10 * s)), (1.0, 1.0))
-    assert size_of([Prism(turned, (), 0.0, 1.0)]) == pytest.approx((20, 20), abs=1e-12)
+    rotated = Contour(((10 * c, 10 * s), (-10 * c, -10 * s)), (1.0, 1.0))
+    assert size_of([Prism(rotated, (), 0.0, 1.0)]) == pytest.approx((20, 20), abs=1e-12)
     assert size_of([Prism(circle(10.0), (), 0.0, 1.0)]) == pytest.approx((20, 20), abs=1e-12)
     # A quarter that does not reach any axis but at its ends.
     quarter = Contour(((0.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, tan(pi / 8), 0.0))

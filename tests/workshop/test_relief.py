@@ -110,8 +110,8 @@ def test_a_dot_has_a_rim_to_lie_in(two):
 
 def test_feet_are_reduced_where_room_is_short(two):
     # Two pillars of radius 10.5 with 1.4 mm between them: half a millimeter for each and a wall of 0.4 mm.
-    found, notes = pillars(two(22.4, flat=20.0), Fabrication())
-    assert [pillar.foot for pillar in found] == [0.5, 0.5]
+    results, notes = pillars(two(22.4, flat=20.0), Fabrication())
+    assert [pillar.foot for pillar in results] == [0.5, 0.5]
     assert any("0.5 mm or more instead" in note for note in notes)
     # A fillet is no higher than its pillar.
     (low,), _ = pillars(two(60, z=0.5), Fabrication())
@@ -169,12 +169,12 @@ def test_what_pillars_hide_by_brute_force(draft, foot):
     hidden = 0
     for _ in range(80):
         eye = np.array([rng.uniform(50, 400), rng.uniform(-150, 150), rng.uniform(60, 400)])
-        found = pillar_hiding_most([flat, raised], [pillar], looking(tuple(eye))) is not None
+        result = pillar_hiding_most([flat, raised], [pillar], looking(tuple(eye))) is not None
         brute = blocked(flat, pillar, eye)
         hidden += brute
         # Brute force looks at steps, and 0.05 mm inside of the wall; the chords of a fillet are 0.5 mm off.
-        assert found or not brute
-        if found != brute:
+        assert result or not brute
+        if result != brute:
             slimmer = replace(pillar, radius=pillar.radius - 0.6)
             assert pillar_hiding_most([flat, raised], [slimmer], looking(tuple(eye))) is None
     assert 5 < hidden < 75
@@ -211,9 +211,9 @@ def test_poses_come_from_the_spec_of_the_marker(two):
     designed = replace(
         marker, provenance={"spec": Spec(n=4, poses="cone:distance=0.8..1,tilt=0..20,count=40").as_dict()}
     )
-    found = designed_poses(designed)
-    assert found is not None
-    assert 0 < len(found) <= 40
+    results = designed_poses(designed)
+    assert results is not None
+    assert 0 < len(results) <= 40
     assert not PROCESSES["fdm"](designed, Fabrication()).notes
     grazing = replace(
         marker, provenance={"spec": Spec(n=4, poses="cone:distance=0.8..1,tilt=70..75,count=40").as_dict()}

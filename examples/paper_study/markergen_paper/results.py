@@ -237,10 +237,10 @@ def aligned(layouts: Array) -> Array:
     n = layouts.shape[-2]
     size = np.abs(z).max(axis=-1, keepdims=True)
     phase = np.angle(np.sum((z / size) ** n, axis=-1)) / n
-    turned = z * np.exp(1j * (np.pi / 2 - phase))[..., None]
+    rotated = z * np.exp(1j * (np.pi / 2 - phase))[..., None]
     if n == 4:
-        turned *= np.exp(1j * np.pi / 4)
-    return np.stack([turned.real, turned.imag], axis=-1)
+        rotated *= np.exp(1j * np.pi / 4)
+    return np.stack([rotated.real, rotated.imag], axis=-1)
 
 
 def typical(layouts: Array, groups: int) -> list[tuple[Array, float]]:

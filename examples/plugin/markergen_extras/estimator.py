@@ -21,8 +21,8 @@ class Refined(PoseEstimator):
             start = cv2.Rodrigues(rotation[i])[0], translation[i][:, None]
             pixels = batch.image_points[i].reshape(-1, 1, 2)
             points = batch.of(np.array([i])).reshape(-1, 1, 3)
-            turn, shift = cv2.solvePnPRefineVVS(points, pixels, batch.camera.matrix, np.zeros(4), *start)
-            rotation[i], translation[i] = cv2.Rodrigues(turn)[0], shift[:, 0]
+            vector, offset = cv2.solvePnPRefineVVS(points, pixels, batch.camera.matrix, np.zeros(4), *start)
+            rotation[i], translation[i] = cv2.Rodrigues(vector)[0], offset[:, 0]
         return PoseEstimates(rotation[:, None], translation[:, None])
 
 

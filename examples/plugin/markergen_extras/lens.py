@@ -15,8 +15,8 @@ class FieldOfView(RadialModel):
         """See `RadialModel.scale`."""
         (w,) = coefficients
         steep, radius = 2 * np.tan(w / 2), np.sqrt(square)
-        near = square < 1e-12
-        grown = np.where(near, steep - steep**3 * square / 3, np.arctan(steep * radius) / np.where(near, 1, radius))
+        nearby = square < 1e-12
+        grown = np.where(nearby, steep - steep**3 * square / 3, np.arctan(steep * radius) / np.where(nearby, 1, radius))
         return grown / w
 
 

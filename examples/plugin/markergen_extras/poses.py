@@ -10,10 +10,10 @@ FORM = "helix:turns=N,count=N"
 
 def helix(text: str) -> PoseDistribution:
     """From 10 to 60 degrees of tilt at a distance of 1 m, with the given numbers of turns and poses."""
-    given = {"turns": "3", "count": "60"} | pose_arguments(text, ["turns", "count"], FORM)
-    if not all(value.isdecimal() and 0 < int(value) <= 10_000 for value in given.values()):
+    stated = {"turns": "3", "count": "60"} | pose_arguments(text, ["turns", "count"], FORM)
+    if not all(value.isdecimal() and 0 < int(value) <= 10_000 for value in stated.values()):
         raise InputError("whole numbers of 1 to 10000 for a helix", repr(text), f"write {FORM}")
-    turns, count = int(given["turns"]), int(given["count"])
+    turns, count = int(stated["turns"]), int(stated["count"])
     along = np.linspace(0, 1, count)
     tilt, azimuth = np.deg2rad(10 + 50 * along), 2 * np.pi * turns * along
     toward = np.stack([np.cos(azimuth) * np.sin(tilt), np.sin(azimuth) * np.sin(tilt), np.cos(tilt)], axis=-1)

@@ -19,8 +19,8 @@ def array_of(message: Any) -> NDArray[Any]:
     Raises DescriptionError for another encoding, such as a Bayer pattern, and for an image with less data than it says.
     """
     if message.encoding not in ENCODINGS:
-        expected, found = ", ".join(ENCODINGS), message.encoding or "no encoding"
-        raise DescriptionError(f"expected an image in {expected}, found {found}; convert it, as image_proc does")
+        expected, result = ", ".join(ENCODINGS), message.encoding or "no encoding"
+        raise DescriptionError(f"expected an image in {expected}, found {result}; convert it, as image_proc does")
     channels, size = ENCODINGS[message.encoding]
     height, width, step = message.height, message.width, message.step
     used, data = width * channels * size, np.frombuffer(bytes(message.data), np.uint8)

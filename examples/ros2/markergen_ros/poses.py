@@ -29,8 +29,8 @@ def pose_of(finding: Finding, header: Any) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped(header=header)
     pose = message.pose.pose
     pose.position.x, pose.position.y, pose.position.z = map(float, finding.translation)
-    turn = pose.orientation
-    turn.x, turn.y, turn.z, turn.w = quaternion_of(finding.rotation)
+    rotation = pose.orientation
+    rotation.x, rotation.y, rotation.z, rotation.w = quaternion_of(finding.rotation)
     message.pose.covariance = finding.covariance[XYZ_FIRST][:, XYZ_FIRST].ravel().tolist()
     return message
 

@@ -22,9 +22,9 @@ def fitted(layout, other):
     best = np.inf
     for labeling in permutations(range(len(other))):
         rows = np.column_stack([other[list(labeling)], np.ones(len(other))])
-        found = np.linalg.lstsq(rows, layout, rcond=None)[0]
-        if np.linalg.det(found[:2]) > 0:
-            best = min(best, np.sqrt(np.mean(np.sum((layout - rows @ found) ** 2, axis=-1))))
+        results = np.linalg.lstsq(rows, layout, rcond=None)[0]
+        if np.linalg.det(results[:2]) > 0:
+            best = min(best, np.sqrt(np.mean(np.sum((layout - rows @ results) ** 2, axis=-1))))
     return best
 
 
@@ -67,13 +67,13 @@ def test_a_layout_with_a_turn_looks_like_itself():
 def test_safety_is_that_of_the_thorough_search():
     poses = named_poses("cone:distance=0.2..0.6m,tilt=0..70,count=60")
     setting = Setting(Circle(0.06), PAPER_CAMERA, poses)
-    found = foreign_safety(ONE, OTHER, setting)
+    result = foreign_safety(ONE, OTHER, setting)
     scene = seen_layout(ONE, np.zeros(6, dtype=np.intp), setting.camera, poses)
     at = representative(poses, 12)
     other = type(scene)(
         np.column_stack([OTHER, np.zeros(6)]), scene.kinds, scene.camera, poses, scene.rays, scene.images
     )
-    assert found.px == pytest.approx(find_rivals(other, at).px.min(), rel=0.01)
-    turned = foreign_safety(ONE, ONE[::-1], setting)
-    assert turned.px == pytest.approx(0, abs=1e-6)
-    assert turned.undecided == pytest.approx(1)
+    assert result.px == pytest.approx(find_rivals(other, at).px.min(), rel=0.01)
+    rotated = foreign_safety(ONE, ONE[::-1], setting)
+    assert rotated.px == pytest.approx(0, abs=1e-6)
+    assert rotated.undecided == pytest.approx(1)

@@ -44,12 +44,12 @@ def test_its_key_ring_makes_it_safe(pentagon, setting):
     np.testing.assert_array_equal(report.labels[0], np.arange(5))
     assert report.poses.polar_angle_deg[report.pose[report.worst]] == pytest.approx(70)
     assert "tilt 70 deg" in report.sentences[0]
-    found = report.as_dict()
-    assert found["dots"][0] == {"id": 0, "px": None}
-    assert (found["least_px"], found["noise_px"]) == (report.least, 0.2)
+    results = report.as_dict()
+    assert results["dots"][0] == {"id": 0, "px": None}
+    assert (results["least_px"], results["noise_px"]) == (report.least, 0.2)
     assert report.undecided.max() == 0
     assert report.margin[0] == np.inf
-    assert found["margin"] == report.margin[1:].min()
+    assert results["margin"] == report.margin[1:].min()
     assert report.in_words(0) == ""
 
 
@@ -116,8 +116,8 @@ def test_twenty_dots(make_marker):
 
 def test_longer_cycles_in_words(pentagon):
     report = label_safety(pentagon, FEW)
-    turned = replace(report, labels=np.tile([1, 2, 0, 4, 3], (5, 1)))
-    assert turned.in_words(0) == sentence("exchanged", "0, 1, 2, 0", 3, 4)
+    rotated = replace(report, labels=np.tile([1, 2, 0, 4, 3], (5, 1)))
+    assert rotated.in_words(0) == sentence("exchanged", "0, 1, 2, 0", 3, 4)
     many = replace(report, px=np.ones(12), ids=tuple(range(12)), labels=np.tile(np.roll(np.arange(12), -1), (12, 1)))
     assert many.in_words(0) == sentence("many exchanged", 12)
 
@@ -150,11 +150,11 @@ def test_the_search_finds_the_nearest_of_all_permutations(n, ring):
     labelings = labelings[(kinds[labelings] == kinds).all(axis=-1)]
     for points in layouts:
         scene = seen_layout(points, kinds, PAPER_CAMERA, POSES)
-        found = find_rivals(scene, np.arange(len(POSES)))
-        assert (kinds[found.labeling] == kinds).all()
+        result = find_rivals(scene, np.arange(len(POSES)))
+        assert (kinds[result.labeling] == kinds).all()
         for pose in range(len(POSES)):
             every = scene.fit(labelings, np.full(len(labelings), pose))
-            mine = found.take(np.flatnonzero(found.pose == pose))
+            mine = result.take(np.flatnonzero(result.pose == pose))
             assert mine.distance.min() == pytest.approx(every.distance.min(), rel=1e-6)
             # Far ones end at the limit of the tilt, where a fit that starts elsewhere can end a little lower.
             assert np.all(per_dot(mine) <= 1.03 * per_dot(every))
@@ -164,10 +164,10 @@ def test_a_turn_by_one_place_is_found_among_many_dots():
     points = regular_polygon(24, 0.13)
     points[0] *= 0.99
     scene = seen_layout(points, np.zeros(24, dtype=np.intp), PAPER_CAMERA, POSES)
-    found = find_rivals(scene, np.array([0]))
-    shifts = np.mod(found.labeling - np.arange(24), 24)
+    result = find_rivals(scene, np.array([0]))
+    shifts = np.mod(result.labeling - np.arange(24), 24)
     assert (shifts == shifts[:, :1]).all(axis=-1).any()
-    assert found.px.min() < 0.2
+    assert result.px.min() < 0.2
 
 
 def test_representative_poses_are_far_from_each_other_and_no_turn_counts():

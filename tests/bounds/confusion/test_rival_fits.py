@@ -24,10 +24,10 @@ def scene(points=POINTS, camera=PAPER_CAMERA, poses=POSES):
 def test_the_true_labeling_fits_from_the_true_pose(camera, heights):
     points = np.column_stack([POINTS, heights * np.array([0, 1, 0, 1, 0.5])])
     seen = scene(points, camera)
-    found = seen.fit(np.tile(seen.truth, (len(POSES), 1)), np.arange(len(POSES)))
+    result = seen.fit(np.tile(seen.truth, (len(POSES), 1)), np.arange(len(POSES)))
     # The fit ends where the sum of squares falls by less than a billionth, or is nothing.
-    np.testing.assert_allclose(found.distance, 0, atol=1e-5)
-    np.testing.assert_allclose(found.rotation, POSES.rotation, atol=1e-5)
+    np.testing.assert_allclose(result.distance, 0, atol=1e-5)
+    np.testing.assert_allclose(result.rotation, POSES.rotation, atol=1e-5)
 
 
 def test_the_jacobian_is_the_derivative_on_both_sides_of_the_limit():
@@ -90,5 +90,5 @@ def test_a_mirror_image_is_not_seen_from_the_front():
 def test_a_turned_square_fits_exactly():
     square = 0.1 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     seen = scene(square)
-    found = seen.fit(np.tile([1, 2, 3, 0], (len(POSES), 1)), np.arange(len(POSES)))
-    np.testing.assert_allclose(found.px, 0, atol=1e-5)
+    result = seen.fit(np.tile([1, 2, 3, 0], (len(POSES), 1)), np.arange(len(POSES)))
+    np.testing.assert_allclose(result.px, 0, atol=1e-5)

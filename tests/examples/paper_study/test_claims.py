@@ -14,7 +14,7 @@ def finding(judged):
 
 
 @pytest.mark.parametrize(
-    ("judged", "words"),
+    ("judged", "phrase"),
     [
         ([FOUND], "holds"),
         ([FOUND, FOUND], "holds"),
@@ -25,8 +25,8 @@ def finding(judged):
         ([OPPOSITE, NEITHER], "does not in 1, open in 1"),
     ],
 )
-def test_verdicts(judged, words):
-    assert verdict([finding(each) for each in judged]) == words
+def test_verdicts(judged, phrase):
+    assert verdict([finding(item) for item in judged]) == phrase
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +51,13 @@ METRIC_ONLY = {
 
 @pytest.mark.docs
 def test_every_claim_is_judged_in_all_coordinates(findings):
-    for name, found in findings.items():
+    for name, result in findings.items():
         expected = {"metric"} if name in METRIC_ONLY else set(COORDINATES)
         # Normalized points are those of the last coordinates, so that there is nothing to compare them with.
         expected -= {"hartley"} if name == "normalization improves c" else set()
-        assert {each.coordinates for each in found} - {NO_A} == expected, name
-        assert all(each.judged.count for each in found)
-        keys = [(each.coordinates, each.noise_px, each.measure) for each in found]
+        assert {item.coordinates for item in result} - {NO_A} == expected, name
+        assert all(item.judged.count for item in result)
+        keys = [(item.coordinates, item.noise_px, item.measure) for item in result]
         assert len(set(keys)) == len(keys)
 
 
@@ -84,24 +84,24 @@ def test_all_tests_together_hardly_ever_find_what_is_not_there(findings):
 @pytest.mark.docs
 def test_verdicts_follow_what_was_measured(findings):
     """Made-up layouts lie near the n-gon, and random ones are ten times as bad with four points, 10/(n - 3) with n."""
-    found = findings
+    results = findings
     opposite = {"initial guess", "any pose", "settled", "holds a square", "c tells"}
     clear = ("square", "better than more", "early", "small n gains more", "steadier", "bounds", "apart")
-    for name in set(found) - opposite:
-        assert not any(each.judged.refuted for each in found[name]), name
+    for name in set(results) - opposite:
+        assert not any(item.judged.refuted for item in results[name]), name
     for name in (*clear, "methods converge", "symmetric", "rectangle"):
-        rows = [each for each in found[name] if not each.judged.holds]
-        assert len(rows) <= 0.1 * len(found[name]), name
+        rows = [item for item in results[name] if not item.judged.holds]
+        assert len(rows) <= 0.1 * len(results[name]), name
     # From four starts a mean is known to 5 %, too little for an equality to 5 %, and a start from the truth is as good.
-    assert verdict(found["initial guess"]) == "does not hold"
+    assert verdict(results["initial guess"]) == "does not hold"
     # One gains as much as the other, and c(A) of a made-up layout says nothing of its errors.
-    assert not any(each.judged.holds for each in found["EPnP and IPPE gain more"])
-    assert verdict(found["c tells"]) == "does not hold" or not any(each.judged.holds for each in found["c tells"])
+    assert not any(item.judged.holds for item in results["EPnP and IPPE gain more"])
+    assert verdict(results["c tells"]) == "does not hold" or not any(item.judged.holds for item in results["c tells"])
     # A pentagon has no square in it, and a random five rarely.
-    five = [each for each in found["holds a square"] if "layouts of 5" in each.measure]
+    five = [item for item in results["holds a square"] if "layouts of 5" in item.measure]
     assert len(five) == len(COORDINATES)
-    assert not any(each.judged.holds for each in five)
-    small = next(each for each in found["small n gains more"] if each.measure.startswith("lm rotation_deg"))
+    assert not any(item.judged.holds for item in five)
+    small = next(item for item in results["small n gains more"] if item.measure.startswith("lm rotation_deg"))
     # 10 over 10/5.
     assert small.judged.value == pytest.approx(5, rel=0.15)
 
@@ -115,6 +115,6 @@ def test_a_broken_bound_is_told(study):
     arrays["ill.upper.metric"] = np.broadcast_to(arrays["ill.upper.metric"], study.full[4]["ill.upper.metric"].shape)
     broken = replace(study, full={**study.full, 4: replace(table, arrays=arrays)})
     claim = next(claim for claim in CLAIMS if claim.name == "bounds")
-    rows = [each for each in claim.find(broken) if (each.coordinates, each.noise_px) == ("metric", 4.0)]
-    assert [each.judged.refuted for each in rows] == [True, False, False, False]
+    rows = [row for row in claim.find(broken) if (row.coordinates, row.noise_px) == ("metric", 4.0)]
+    assert [row.judged.refuted for row in rows] == [True, False, False, False]
     assert verdict(rows) == "holds in 3, does not in 1"

@@ -90,13 +90,13 @@ def test_names_and_shapes_of_steps_are_those_of_the_made_up_results(steps, fake)
 @pytest.mark.parametrize("coordinates", COORDINATES)
 def test_shares_of_the_gain(coordinates, fake):
     cell = Cell("early", {"coordinates": coordinates, "n": 4, "poses": [5, 205], "starts": 4, "seed": 0})
-    found, made = work(cell), fake(cell)
-    assert {key: value.shape for key, value in found.items()} == {key: value.shape for key, value in made.items()}
+    results, made = work(cell), fake(cell)
+    assert {key: value.shape for key, value in results.items()} == {key: value.shape for key, value in made.items()}
     # c(A) falls all the way, so that its share of the gain is one; other errors may rise and fall.
-    c = found["c"][np.isfinite(found["c"])]
+    c = results["c"][np.isfinite(results["c"])]
     assert len(c)
     assert np.all(c <= 1)
-    assert np.all(found["steps"] >= 5)
+    assert np.all(results["steps"] >= 5)
 
 
 def cell_of(layout, n=6):
@@ -107,8 +107,8 @@ def cell_of(layout, n=6):
 
 @pytest.mark.parametrize("layout", ["ngon", "pose", "relief-50"])
 def test_names_and_shapes_of_layouts_are_those_of_the_made_up_results(layout, fake):
-    found, made = work(cell_of(layout)), fake(cell_of(layout))
-    assert {key: value.shape for key, value in found.items()} == {key: value.shape for key, value in made.items()}
+    result, made = work(cell_of(layout)), fake(cell_of(layout))
+    assert {key: value.shape for key, value in result.items()} == {key: value.shape for key, value in made.items()}
 
 
 def test_relief_buys_accuracy():
@@ -128,6 +128,6 @@ def test_a_quick_look_ends_where_the_whole_search_does():
 @pytest.mark.long
 def test_the_degenerate_optimum_is_worse_than_anything():
     """In Hartley's coordinates c(A) forgets the size: the layout shrinks to nothing."""
-    found = work(cell_of("hartley", 4))
-    assert found["rotation_deg"][0] > 5 * work(cell_of("ngon", 4))["rotation_deg"][0]
-    assert np.ptp(found["layouts"]) > 0
+    results = work(cell_of("hartley", 4))
+    assert results["rotation_deg"][0] > 5 * work(cell_of("ngon", 4))["rotation_deg"][0]
+    assert np.ptp(results["layouts"]) > 0

@@ -111,10 +111,10 @@ def drawn():
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
 def test_c_is_that_of_the_objective(coordinates, drawn):
-    own = conditions(coordinates, drawn, POSE, PAPER_CAMERA)
+    ours = conditions(coordinates, drawn, POSE, PAPER_CAMERA)
     other = objective_for(coordinates, POSE).linearize(drawn[0])[0].T
     # A'A squares the condition: of 16 digits 16 - 2 log10(c) are left, and c is up to 1e5 in pixels.
-    np.testing.assert_allclose(own, other, rtol=1e-4)
+    np.testing.assert_allclose(ours, other, rtol=1e-4)
 
 
 @pytest.mark.parametrize("coordinates", COORDINATES)

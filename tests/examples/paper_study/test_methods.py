@@ -31,7 +31,7 @@ def test_harkers_last_row_is_the_eigenvector_of_what_the_others_leave():
     """The first six unknowns eliminated from A'A of normalized points by a Schur complement."""
     seen = batch(7, 2.0)
     homography = seen.once(Harker())
-    for points, image, found in zip(seen.object_points, seen.image_points, homography, strict=True):
+    for points, image, result in zip(seen.object_points, seen.image_points, homography, strict=True):
         (center, scale), (image_center, image_scale) = normalization(points), normalization(image)
         a = dlt_matrix((points - center) * scale, (image - image_center) * image_scale)
         normal = a.T @ a
@@ -39,7 +39,7 @@ def test_harkers_last_row_is_the_eigenvector_of_what_the_others_leave():
         last = np.linalg.eigh(normal[6:, 6:] - normal[6:, :6] @ inverse)[1][:, 0]
         h = np.concatenate([-inverse @ last, last]).reshape(3, 3)
         expected = apply_homography(h, (points - center) * scale) / image_scale + image_center
-        np.testing.assert_allclose(apply_homography(found, points), expected, atol=1e-6)
+        np.testing.assert_allclose(apply_homography(result, points), expected, atol=1e-6)
 
 
 def test_four_points_have_one_homography():
@@ -61,6 +61,6 @@ def test_without_noise_poses_are_true(estimator):
 
 def test_from_the_truth_levenberg_marquardt_fits_no_worse_than_the_truth():
     seen = batch(6, 2.0)
-    truth = (np.broadcast_to(each, (6, *each.shape[1:])) for each in (POSE.rotation, POSE.translation))
+    truth = (np.broadcast_to(item, (6, *item.shape[1:])) for item in (POSE.rotation, POSE.translation))
     error = seen.reprojection_error(*seen.once(FromTruth(POSE.rotation, POSE.translation)).best)
     assert np.all(error <= seen.reprojection_error(*truth))

@@ -42,11 +42,11 @@ def test_every_distance_and_polar_angle_is_kept_at_any_scale(scale):
 
 
 @pytest.mark.parametrize(
-    "given", [{"runs": 1}, {"runs": 10**9}, {"scale": 0}, {"scale": 1.1}, {"scale": np.nan}, {"seed": -1}]
+    "stated", [{"runs": 1}, {"runs": 10**9}, {"scale": 0}, {"scale": 1.1}, {"scale": np.nan}, {"seed": -1}]
 )
-def test_numbers_out_of_range_are_refused(given):
+def test_numbers_out_of_range_are_refused(stated):
     with pytest.raises(InputError):
-        PaperOptions(**given)
+        PaperOptions(**stated)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -59,7 +59,7 @@ def test_objectives_are_those_of_their_names():
     made = {name: objective_for(name, poses) for name in OBJECTIVE_OF if name != "hartley"}
     square = 0.15 * np.array([[[1, 0], [0, 1], [-1, 0], [0, -1]]])
     # Each tells something else of the same layout.
-    assert len({round(float(each(square)[0]), 6) for each in made.values()}) == len(made)
+    assert len({round(float(item(square)[0]), 6) for item in made.values()}) == len(made)
     # Hartley's alone forget the size.
     small = objective_for("hartley", poses)(square / 10)
     assert small == pytest.approx(objective_for("hartley", poses)(square), rel=1e-6)

@@ -9,8 +9,8 @@ from markergen.objectives.criteria import regular_polygon
 def test_a_square_is_one_wherever_it_is_and_in_any_order():
     rng = np.random.default_rng(0)
     for _ in range(20):
-        turn = rotation_z(rng.uniform(0, 7))[:2, :2]
-        square = rng.permutation(regular_polygon(4, rng.uniform(0.01, 1)) @ turn) + rng.normal(size=2)
+        rotation = rotation_z(rng.uniform(0, 7))[:2, :2]
+        square = rng.permutation(regular_polygon(4, rng.uniform(0.01, 1)) @ rotation) + rng.normal(size=2)
         # The root of a rounding error.
         assert square_misfit(square) < 1e-6
 
@@ -38,8 +38,8 @@ def test_five_points_hold_the_square_that_is_in_them():
 @pytest.mark.parametrize("n", [4, 5])
 def test_aligned_layouts_lie_on_one_another(n):
     rng = np.random.default_rng(1)
-    turned = np.stack([regular_polygon(n, 0.15) @ rotation_z(angle)[:2, :2] for angle in rng.uniform(0, 7, 50)])
-    placed = aligned(turned)
+    rotated = np.stack([regular_polygon(n, 0.15) @ rotation_z(angle)[:2, :2] for angle in rng.uniform(0, 7, 50)])
+    placed = aligned(rotated)
     first = placed[0]
     distance = np.linalg.norm(placed[:, :, None] - first, axis=-1).min(axis=2)
     assert distance.max() < 1e-9

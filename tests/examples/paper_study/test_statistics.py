@@ -17,20 +17,20 @@ RNG = np.random.default_rng(0)
 
 def test_a_shift_is_found_in_its_direction_only():
     values = RNG.normal(1, 1, 200)
-    found = above(values)
-    assert found.holds
-    assert not found.refuted
-    assert found.low < found.value < found.high
-    assert found.value == np.median(values)
+    result = above(values)
+    assert result.holds
+    assert not result.refuted
+    assert result.low < result.value < result.high
+    assert result.value == np.median(values)
     assert above(-values).refuted
     assert below(-values).holds
     assert above(values, 2).refuted
 
 
 def test_nothing_is_found_in_nothing():
-    for found in (above(np.array([])), above(np.full(9, np.nan)), above(np.zeros(50)), above(np.array([1.0]))):
-        assert not found.holds
-        assert not found.refuted
+    for result in (above(np.array([])), above(np.full(9, np.nan)), above(np.zeros(50)), above(np.array([1.0]))):
+        assert not result.holds
+        assert not result.refuted
     assert falling(np.full((5, 3), np.nan)) == NOTHING
     assert majority(0, 0) == never(0, 0) == NOTHING
 
@@ -49,26 +49,26 @@ def test_few_values_that_all_agree_are_enough():
 
 
 def test_means_of_rows_leave_out_what_is_not_finite():
-    found = row_means(np.array([[1.0, np.nan, 3.0], [np.nan, np.inf, np.nan]]))
-    assert found[0] == 2
-    assert np.isnan(found[1])
+    results = row_means(np.array([[1.0, np.nan, 3.0], [np.nan, np.inf, np.nan]]))
+    assert results[0] == 2
+    assert np.isnan(results[1])
 
 
 def test_the_interval_of_a_median_holds_it_as_often_as_it_says():
     rng = np.random.default_rng(4)
     inside = 0
     for _ in range(500):
-        found = above(rng.exponential(size=61))
-        inside += found.low <= np.log(2) <= found.high
+        result = above(rng.exponential(size=61))
+        inside += result.low <= np.log(2) <= result.high
     # 99 % or a little more, because ranks are whole; 484 lies five standard deviations below.
     assert inside >= 484
 
 
 def test_equality_wants_both_sides():
-    near = RNG.normal(0, 0.01, 200)
-    assert within(near, 0.05).holds
-    assert within(near + 0.2, 0.05).refuted
-    assert within(near - 0.2, 0.05).refuted
+    nearby = RNG.normal(0, 0.01, 200)
+    assert within(nearby, 0.05).holds
+    assert within(nearby + 0.2, 0.05).refuted
+    assert within(nearby - 0.2, 0.05).refuted
     wide = within(RNG.normal(0, 1, 20), 0.05)
     assert not wide.holds
     assert not wide.refuted
@@ -94,9 +94,9 @@ def test_a_trend_is_found_in_its_direction_only():
 def test_rank_correlation_by_rows():
     first = RNG.normal(size=(4, 30))
     second = np.stack([np.exp(first[0]), -first[1], np.full(30, 1.0), np.where(np.arange(30) < 3, first[3], np.nan)])
-    found = rank_correlation(first, second)
-    assert found[:2] == pytest.approx([1, -1])
-    assert np.isnan(found[2:]).all()
+    results = rank_correlation(first, second)
+    assert results[:2] == pytest.approx([1, -1])
+    assert np.isnan(results[2:]).all()
 
 
 def test_a_majority_may_be_asked_to_be_large():

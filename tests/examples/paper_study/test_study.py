@@ -20,18 +20,18 @@ from markergen.studies.engines import ENGINES, engine_for
 def written(tmp_path_factory, tiny, fake):
     """The folder of a study of made-up results, and what was told of its progress."""
     folder = tmp_path_factory.mktemp("paper") / "out"
-    told = []
+    output = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_study, "work", fake)
-        paths = run_paper(folder, tiny, ENGINES["serial"](), progress=lambda *told_now: told.append(told_now))
-    return folder, paths, told
+        paths = run_paper(folder, tiny, ENGINES["serial"](), progress=lambda *told_now: output.append(told_now))
+    return folder, paths, output
 
 
 def test_the_time_is_told_first(written, tiny):
-    _, _, told = written
-    assert told[0][0] == 0
-    assert told[0][2] == estimated_seconds(tiny)
-    assert told[-1][0] == told[-1][1]
+    _, _, output = written
+    assert output[0][0] == 0
+    assert output[0][2] == estimated_seconds(tiny)
+    assert output[-1][0] == output[-1][1]
 
 
 def test_runs_of_the_papers_own_number_take_longer():
@@ -142,8 +142,8 @@ def test_every_pose_is_compared_once_for_every_n(scale):
     assert len(set(cells)) == len(cells)
     for everything, poses in ((False, options.poses), (True, options.fewer_poses)):
         for n in NUMBERS:
-            own = [c.settings["poses"] for c in compared(options, everything) if c.settings["n"] == n]
-            assert [pose for block in own for pose in block] == poses
+            ours = [c.settings["poses"] for c in compared(options, everything) if c.settings["n"] == n]
+            assert [pose for block in ours for pose in block] == poses
 
 
 def test_the_full_study_is_the_one_of_the_paper_and_fits_into_half_an_hour_of_two_cores():

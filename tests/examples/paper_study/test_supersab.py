@@ -32,9 +32,9 @@ def test_steps_are_those_of_the_algorithm_by_hand():
             previous, x, last = x, x - step * gradient, gradient
         way.append(x)
     assert min(np.diff(np.sign(way))) < 0  # A step went too far, and was undone.
-    found = supersab(Bowl(curvature, 0, 0, 0), REGION, np.array([[[start, 0.0], [0.0, 0.0]]]), 80)
-    assert found.points[0, 0, 0] == pytest.approx(min([start, *way], key=abs), rel=1e-6)
-    assert found.steps == 80
+    result = supersab(Bowl(curvature, 0, 0, 0), REGION, np.array([[[start, 0.0], [0.0, 0.0]]]), 80)
+    assert result.points[0, 0, 0] == pytest.approx(min([start, *way], key=abs), rel=1e-6)
+    assert result.steps == 80
 
 
 def test_both_routines_lower_c_and_stay_in_the_disk():

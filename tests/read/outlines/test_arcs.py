@@ -30,9 +30,9 @@ def test_circles_of_a_dxf(write):
         # Seen from behind, x is to the left.
         model.add_circle((70, -70), 4.5, dxfattribs={"extrusion": (0, 0, -1)})
 
-    found = circles(write(dxf(draw)))
+    result = circles(write(dxf(draw)))
     wanted = [(0, 0, 0.125), (0, 0, 0.04), (0.07, 0.07, 0.0045), (-0.07, 0.07, 0.0045), (-0.07, -0.07, 0.0045)]
-    assert np.array(found) == pytest.approx(np.array(wanted), abs=1e-15)
+    assert np.array(result) == pytest.approx(np.array(wanted), abs=1e-15)
     assert [area(contour) > 0 for contour in read_contours(write(dxf(draw)))] == [True] + [False] * 4
 
 
@@ -86,9 +86,9 @@ def test_blocks_keep_circles_where_they_are_scaled_alike_along_both_axes(write):
         model.add_blockref("HOLE", (60, 0), dxfattribs={"xscale": -3, "yscale": 3, "zscale": 3})
         model.add_blockref("HOLE", (120, 0), dxfattribs={"xscale": 3, "yscale": 4, "zscale": 3})
 
-    _, turned, flipped, stretched = read_contours(write(dxf(draw)))
+    _, rotated, flipped, stretched = read_contours(write(dxf(draw)))
     c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
-    assert turned.as_circle == pytest.approx((3e-3 * c, 3e-3 * s, 6e-3), abs=1e-15)
+    assert rotated.as_circle == pytest.approx((3e-3 * c, 3e-3 * s, 6e-3), abs=1e-15)
     assert flipped.as_circle == pytest.approx((57e-3, 0, 6e-3), abs=1e-15)
     assert not stretched.has_arcs
     assert area(stretched) == pytest.approx(-math.pi * 48e-6, rel=1e-2)
@@ -152,9 +152,9 @@ def test_what_is_no_arc_of_a_circle_is_as_it_was(write):
         '<ellipse cx="30" cy="30" rx="20" ry="10"/><path d="M60 60 A20 10 0 0 1 100 60 Z"/>'
         '<g transform="skewX(20)"><circle cx="100" cy="30" r="9"/></g><path d="M150 20 C160 0 170 0 180 20 Z"/>'
     )
-    found = read_contours(write(svg(body)))
-    assert len(found) == 4
-    assert not any(contour.has_arcs for contour in found)
+    results = read_contours(write(svg(body)))
+    assert len(results) == 4
+    assert not any(contour.has_arcs for contour in results)
 
 
 def test_outlines_are_polygons_of_the_contours(write):

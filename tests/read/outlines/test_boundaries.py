@@ -43,7 +43,7 @@ def test_files_are_boundaries(write):
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "words"),
+    ("text", "options", "phrase"),
     [
         ("", {}, "a boundary"),
         ("0", {}, "a radius above 0"),
@@ -64,8 +64,8 @@ def test_files_are_boundaries(write):
         ("0.15", {"origin": "corner"}, "an origin of center or file"),
     ],
 )
-def test_bad_boundaries(text, options, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_bad_boundaries(text, options, phrase):
+    with pytest.raises(InputError, match=phrase) as caught:
         parse_boundary(text, **options)
     assert "\n" not in str(caught.value)
 

@@ -174,7 +174,7 @@ def test_blocks_of_other_files(refused):
 
 
 @pytest.mark.parametrize(
-    ("draw", "words"),
+    ("draw", "phrase"),
     [
         (lambda d, m: m.add_polyline3d([(0, 0, 0), (5, 0, 1), (5, 5, 0)], close=True), "heights z from 0 to 1"),
         (lambda d, m: m.add_text("hello"), "only TEXT"),
@@ -187,8 +187,8 @@ def test_blocks_of_other_files(refused):
         (lambda d, m: m.add_circle((0, 0), 1e305), "m"),
     ],
 )
-def test_bad_dxf(refused, draw, words):
-    assert words in refused(dxf(draw))
+def test_bad_dxf(refused, draw, phrase):
+    assert phrase in refused(dxf(draw))
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def plate(model):
 
 
 @pytest.mark.parametrize(
-    ("draw", "words"),
+    ("draw", "phrase"),
     [
         (lambda d, m: m.add_lwpolyline([(10, 10), (40, 40), (10, 10)], close=True), "LWPOLYLINE on layer '0', of zero"),
         (lambda d, m: (m.add_line((10, 10), (40, 40)), m.add_line((40, 40), (10, 10))), "LINE on layer '0', of zero"),
@@ -93,10 +93,10 @@ def plate(model):
         (lambda d, m: m.add_lwpolyline([(-5, 30), (45, 30), (95, 30)]), "a line that bounds nothing"),
     ],
 )
-def test_what_is_plainly_no_outline_is_left_out_with_a_sentence(write, caplog, draw, words):
+def test_what_is_plainly_no_outline_is_left_out_with_a_sentence(write, caplog, draw, phrase):
     contours = read_contours(write(dxf(lambda d, m: (plate(m), draw(d, m)))), "mm")
     assert [contour.points for contour in contours] == [tuple((x / 1e3, y / 1e3) for x, y in PLATE)]
-    assert words in caplog.text
+    assert phrase in caplog.text
 
 
 def sliver(document, model):
@@ -123,7 +123,7 @@ SLOT = [((20, 20), (40, 20)), ((40.5, 20.5), (40.5, 24.5)), ((40, 25), (20, 25))
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "phrase"),
     [
         ('<circle r="-3"/>', "-3 for circle"),
         ('<rect width="9" height="9"/><path id="far" d="M1 1A5 5 0 0 1 1e20 9z"/>', "far out, such as path 'far'"),
@@ -164,12 +164,12 @@ SLOT = [((20, 20), (40, 20)), ((40.5, 20.5), (40.5, 24.5)), ((40, 25), (20, 25))
         ('<g id="a"><use href="#a"/></g>', "levels of groups and uses"),
     ],
 )
-def test_bad_svg(refused, body, words):
-    assert words in refused(svg(body))
+def test_bad_svg(refused, body, phrase):
+    assert phrase in refused(svg(body))
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "phrase"),
     [
         (b"", "an empty file"),
         (b" \n\t", "an empty file"),
@@ -205,8 +205,8 @@ def test_bad_svg(refused, body, words):
         (b"0\nSECTION\n2\nENTITIES\0\n0\nEOF", "DXF"),
     ],
 )
-def test_bad_files(refused, content, words):
-    assert words in refused(content, unit="mm")
+def test_bad_files(refused, content, phrase):
+    assert phrase in refused(content, unit="mm")
 
 
 def test_a_file_that_is_not_there(refused, tmp_path):

@@ -53,7 +53,7 @@ def test_other_layers_and_shapes(write):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "phrase"),
     [
         (BOARD.format(corner="")[:-1], "complete parentheses"),
         ("(kicad_pcb (version 1))", "a closed outline"),
@@ -63,8 +63,8 @@ def test_other_layers_and_shapes(write):
         ("(kicad_pcb " + "(" * 60, "at most 30 levels"),
     ],
 )
-def test_damaged_boards(refused, write, text, words):
-    assert words in refused(write(text, "board.kicad_pcb"))
+def test_damaged_boards(refused, write, text, phrase):
+    assert phrase in refused(write(text, "board.kicad_pcb"))
 
 
 def test_an_unknown_layer_is_answered_with_those_of_the_file(refused, write):

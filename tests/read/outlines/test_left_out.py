@@ -73,11 +73,11 @@ def test_small_loops_beside_the_outline_and_large_crossings(write, refused):
 @pytest.mark.parametrize("start", range(7))
 def test_a_loop_is_cut_wherever_the_contour_starts(start):
     points = [(0, 0), (50, 0), (50, 10), (29.95, 10), (29.95, 9.95), (30, 9.95), (30, 40), (0, 40)]
-    turned = points[start:] + points[:start]
-    contour, places = without_loops(Contour(tuple(turned)), 0.01, 2.0)
+    rotated = points[start:] + points[:start]
+    contour, places = without_loops(Contour(tuple(rotated)), 0.01, 2.0)
     assert exact_area(contour) == pytest.approx(1400)
     np.testing.assert_allclose(places, [(30, 10)])
-    assert without_loops(Contour(tuple(turned)), 0.002, 2.0) == (Contour(tuple(turned)), [])
+    assert without_loops(Contour(tuple(rotated)), 0.002, 2.0) == (Contour(tuple(rotated)), [])
 
 
 def draw(document, model):

@@ -91,7 +91,7 @@ def test_geojson_has_no_unit(refused):
 
 
 @pytest.mark.parametrize(
-    ("size", "unit", "words"),
+    ("size", "unit", "phrase"),
     [
         ("200000", None, "300 m across"),
         ("2000000", None, "km"),
@@ -100,7 +100,7 @@ def test_geojson_has_no_unit(refused):
         ("200", "um", "0.3 mm across with um for the unit"),
     ],
 )
-def test_absurd_sizes_ask(refused, size, unit, words):
+def test_absurd_sizes_ask(refused, size, unit, phrase):
     message = refused(svg(f'<rect width="{float(size) * 0.9}" height="{float(size) * 1.2}"/>'), unit=unit)
     assert "1 mm to 100 m" in message
-    assert words.replace("km", "3000 m") in message
+    assert phrase.replace("km", "3000 m") in message

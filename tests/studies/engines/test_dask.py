@@ -79,8 +79,8 @@ def test_a_scheduler_that_does_not_answer_is_told_within_ten_seconds(mute_addres
     assert f"scheduler at {mute_address}, found no answer in 5 s;" in message
 
 
-@pytest.mark.parametrize("words", [b"HTTP/1.0 400 Bad Request\r\n\r\n" * 9, b"\xff" * 64], ids=["http", "ones"])
-def test_what_answers_and_is_no_scheduler_is_told(words):
+@pytest.mark.parametrize("phrase", [b"HTTP/1.0 400 Bad Request\r\n\r\n" * 9, b"\xff" * 64], ids=["http", "ones"])
+def test_what_answers_and_is_no_scheduler_is_told(phrase):
     """Taken for lengths of frames, these words ask for exbibytes, or for more dimensions than there are."""
     pytest.importorskip("distributed")
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -89,7 +89,7 @@ def test_what_answers_and_is_no_scheduler_is_told(words):
             with suppress(OSError):
                 while True:
                     with server.accept()[0] as connection:
-                        connection.sendall(words)
+                        connection.sendall(phrase)
 
         threading.Thread(target=answer, daemon=True).start()
         seconds, message = check_seconds(f"tcp://127.0.0.1:{server.getsockname()[1]}")

@@ -64,9 +64,9 @@ def test_drawings_calibrations_and_poses_come_from_files(tmp_path, monkeypatch):
     (tmp_path / "poses.txt").write_text("0 0 0 0.8 1 0 0 0\n1 0 0 0.9 1 0 0 0\n")
     sweep = sweep_from_mapping({"grid": {"boundary": ["plate.svg"], "n": [4]}})
     assert sweep.points[0].spec.boundary.radius == pytest.approx(0.1118, abs=1e-4)
-    words = refusal({"grid": {"boundary": ["plate.svg", "none.svg"], "camera": ["camera.toml"]}})
-    assert "grid.boundary: expected" in words
-    assert "grid.camera: expected" in words
+    phrase = refusal({"grid": {"boundary": ["plate.svg", "none.svg"], "camera": ["camera.toml"]}})
+    assert "grid.boundary: expected" in phrase
+    assert "grid.camera: expected" in phrase
 
 
 def test_the_seed_may_stand_in_either_place_but_in_one():
@@ -76,7 +76,7 @@ def test_the_seed_may_stand_in_either_place_but_in_one():
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "phrase"),
     [
         ({}, "grid: missing"),
         ({"grid": {}}, "grid: missing"),
@@ -114,12 +114,12 @@ def test_the_seed_may_stand_in_either_place_but_in_one():
         ({"grid": {"seed": list(range(101)), "n": list(range(4, 104))}}, "grid: 10100 combinations, at most 10000"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_run_is_told(values, words):
-    assert words in refusal(values)
+def test_what_cannot_be_run_is_told(values, phrase):
+    assert phrase in refusal(values)
 
 
 def test_everything_that_is_wrong_is_told_at_once():
-    words = refusal(
+    phrase = refusal(
         {
             "shiny": True,
             "study": {"colour": "red", "runs": -1},
@@ -131,8 +131,8 @@ def test_everything_that_is_wrong_is_told_at_once():
         "grid.flavor: unknown key", "n=3 radius=150mm and n=3 radius=9m: expected at least 4",
         "n=4 radius=9m: expected a pose that sees",
     ):  # fmt: skip
-        assert finding in words
-    assert len(re.findall(";", words)) == 6
+        assert finding in phrase
+    assert len(re.findall(";", phrase)) == 6
 
 
 def test_shipped_studies_are_ready_to_run():
@@ -163,7 +163,7 @@ def test_what_is_computed_makes_the_identity():
 
     assert identity() == identity()
     different = [identity(), identity(dot="20mm"), identity(study={"runs": 1}), identity(study={"estimators": ["lm"]})]
-    assert len({str(each) for each in different}) == 4
+    assert len({str(item) for item in different}) == 4
 
 
 def test_a_drawing_as_boundary(tmp_path):

@@ -43,7 +43,7 @@ def test_plots_and_page_are_well_formed_and_what_failed_leaves_a_gap(grid):
     for plot in drawn:
         assert ElementTree.fromstring(plot.svg).tag.endswith("svg")
     made = sweep_page(sweep, table, drawn)
-    found = check(made, {"table.csv"})
-    assert not found.of("b") + found.of("i")
-    assert len(found.of("svg")) == 2
+    result = check(made, {"table.csv"})
+    assert not result.of("b") + result.of("i")
+    assert len(result.of("svg")) == 2
     assert sweep_page(sweep, table, drawn) == made

@@ -29,16 +29,16 @@ def alone(small, tmp_path_factory):
 
 @pytest.mark.long
 def test_processes_write_the_same_bytes_as_this_one(small, alone, tmp_path):
-    told = []
+    output = []
     written = run_sweep(
-        read_sweep(str(small)), tmp_path / "two", engine_for(2), progress=lambda *parts: told.append(parts[:2])
+        read_sweep(str(small)), tmp_path / "two", engine_for(2), progress=lambda *parts: output.append(parts[:2])
     )
     assert files(tmp_path / "two") == files(alone)
     assert [path.name for path in written] == [
         "table.csv", "rotation-error.svg", "translation-error.svg", "index.html",
     ]  # fmt: skip
     # Four layouts, and each with two noises.
-    assert told[-1] == (12, 12)
+    assert output[-1] == (12, 12)
 
 
 @pytest.mark.long

@@ -26,12 +26,12 @@ FEW = "cone:distance=0.6..1m,tilt=0..60,count=8,seed=1"
 
 
 def table_of(sweep):
-    found = []
+    result = []
     for point in sweep.points:
         layout = work(Cell("layout", {"spec": point.spec.as_dict(), "layout": point.layout}))
         trials = None if ERROR in layout else work(trials_cell(point, layout["points"], sweep.runs))
-        found += table_rows(sweep, point, layout, trials)
-    return found
+        result += table_rows(sweep, point, layout, trials)
+    return result
 
 
 def test_the_interval_holds_the_mean_square_as_often_as_it_says():

@@ -80,13 +80,13 @@ def synthetic_views(marker, setting, budget):
             "detected": len(chosen),
             "wrong": 0,
             "rate": 1.0,
-            "point_px": statistics(np.array([np.hypot(*dot) for each in chosen for dot in each["error_px"]])),
+            "point_px": statistics(np.array([np.hypot(*dot) for sample in chosen for dot in sample["error_px"]])),
             "uncorrected_px": statistics(np.full(3, 0.2)),
             "image_bound_px": 0.0044,
             "homography_px": statistics(np.full(3, 0.01)),
             "estimators": {
                 name: {
-                    key: statistics(factor * np.array([each[key] for each in chosen]))
+                    key: statistics(factor * np.array([sample[key] for sample in chosen]))
                     for key in ("rotation_deg", "translation_pct")
                 }
                 for name, factor in (("detect", 1.0), ("sqpnp", 1.2))
@@ -101,7 +101,7 @@ def synthetic_views(marker, setting, budget):
         }
 
     def groups(masks):
-        return {name: summary([each for each in samples if mask[each["pose"]]]) for name, mask in masks.items()}
+        return {name: summary([sample for sample in samples if mask[sample["pose"]]]) for name, mask in masks.items()}
 
     return {
         **summary(samples),

@@ -21,9 +21,9 @@ def test_answer_has_the_hardest_case(subject, budget, few):
     deg = rms(np.rad2deg(rotation_bound(budget.total))[frontal])
     second = report.answer(subject).sentences[1]
     assert f"{value_text(mm, 2)} mm at 1.5 m, tilted by 70 deg" in second
-    said = float(second.split("The hardest: ")[1].split(" deg")[0])
+    message = float(second.split("The hardest: ")[1].split(" deg")[0])
     # Four poses with 500 draws, and what first order leaves out.
-    assert said == pytest.approx(deg, rel=0.1)
+    assert message == pytest.approx(deg, rel=0.1)
     assert "at 1.5 m, tilted by 0 deg" in second
 
 
@@ -38,16 +38,16 @@ def test_command_makes_the_results_again(subject, results):
         "--print-sigma 0.1mm --seed 0 --report report.html"
     )
     designed = {**subject.marker.provenance, "camera": subject.setting.camera.as_dict()}
-    own = report.command(replace(subject, marker=replace(subject.marker, provenance=designed)))
-    assert "--camera CAMERA.yaml" not in own
-    assert "--camera-covariance COVARIANCE" in own
+    ours = report.command(replace(subject, marker=replace(subject.marker, provenance=designed)))
+    assert "--camera CAMERA.yaml" not in ours
+    assert "--camera-covariance COVARIANCE" in ours
     views = {
         **results["views"], "hidden": 1, "background": "clutter", "stress": {"x": {}},
         "optics": {**results["views"]["optics"], "blur_px": 1.5},
     }  # fmt: skip
-    said = report.command(replace(subject, results={**results, "views": views}))
+    message = report.command(replace(subject, results={**results, "views": views}))
     for option in ("--hide 1", "--background clutter", "--stress", "--optics blur_px=1.5"):
-        assert option in said
+        assert option in message
     assert "--views 0" in report.command(replace(subject, results={**results, "views": None}))
 
 
@@ -58,11 +58,11 @@ def test_long_provenance_is_cut_off(pentagon):
 
 
 def test_constraints_of_the_search_are_stated(pentagon):
-    found = {
+    result = {
         "value": 2.0, "clearance_m": 0.0036, "gap_m": 0.0064, "gap_reason": "images", "lower_bound": 1.9,
         "lower_bound_without_gap": 1.8, "limits": ["rotation <= 1.05 ngon"], "interrupted_s": 12.2,
     }  # fmt: skip
-    terms = dict(report.searched(replace(pentagon, provenance={"search": found})))
+    terms = dict(report.searched(replace(pentagon, provenance={"search": result})))
     for term, figure in (
         ("Clearance", "3.6 mm"), ("Gap between dots", "6.4 mm"), ("Bounds", "rotation <= 1.05 ngon"),
         ("At best", "5 %"), ("At best, without the gap", "10 %"), ("Search", "12 s"),

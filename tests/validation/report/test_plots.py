@@ -72,9 +72,9 @@ def test_distribution_is_the_share_below(ax):
 def test_drawn_errors_have_their_covariance(budget):
     errors = sample_pose_errors(budget.total[:2])
     np.testing.assert_array_equal(errors, sample_pose_errors(budget.total[:2]))
-    for own, wanted in zip(errors, budget.total[:2], strict=True):
+    for ours, wanted in zip(errors, budget.total[:2], strict=True):
         scale = np.sqrt(np.diag(wanted))
-        sampled = np.cov(own.T) / scale / scale[:, None]
+        sampled = np.cov(ours.T) / scale / scale[:, None]
         # 20000 draws: a correlation is off by 0.007, one sigma.
         np.testing.assert_allclose(sampled, wanted / scale / scale[:, None], atol=0.04)
     assert sample_pose_errors(np.full((3, 6, 6), np.inf)).shape == (0, 6)
@@ -107,16 +107,16 @@ def test_ellipse_holds_95_percent():
 def test_errors_are_carried_over_to_one_covariance():
     rng = np.random.default_rng(0)
     roots = rng.standard_normal((20_000, 2, 2))
-    own = roots @ roots.swapaxes(-1, -2) + 0.1 * np.eye(2)
-    errors = (np.linalg.cholesky(own) @ rng.standard_normal((len(own), 2, 1)))[..., 0]
+    ours = roots @ roots.swapaxes(-1, -2) + 0.1 * np.eye(2)
+    errors = (np.linalg.cholesky(ours) @ rng.standard_normal((len(ours), 2, 1)))[..., 0]
     target = np.array([[2.0, -0.5], [-0.5, 1.0]])
     # Standard deviation of an entry: about 0.02.
-    np.testing.assert_allclose(np.cov(carried_over(errors, own, target).T), target, atol=0.1)
+    np.testing.assert_allclose(np.cov(carried_over(errors, ours, target).T), target, atol=0.1)
     assert carried_over(np.zeros((0, 2)), np.zeros((0, 2, 2)), target).shape == (0, 2)
 
 
 def test_dots_of_a_perfect_detector_lie_inside_as_they_should(subject, undrawn):
-    caption = next(each.caption for each in measured.ellipses(subject).plots if "dot centers" in each.caption)
+    caption = next(plot.caption for plot in measured.ellipses(subject).plots if "dot centers" in plot.caption)
     inside = float(re.search(r"([\d.]+) % lie inside", caption)[1])
     # 800 dots: one sigma is 0.8 %.
     assert inside == pytest.approx(95, abs=3)
@@ -136,11 +136,11 @@ def test_dome_of_very_many_poses_keeps_the_hardest(pentagon, monkeypatch):
     errors["rotation"][[7, 11]] = 3.0, np.inf
     errors["translation"][13] = 1.0
     alone = Plate("marker", pentagon, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0))
-    turned, *stills = dome_plots([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
-    data = json.loads(html.unescape(turned.markup.split("'")[1]))
-    assert [set(each) for each in data["dots"]] == 5 * [{"x", "y", "z", "diameter", "normal"}]
+    rotated, *stills = dome_plots([alone], poses, errors, "nothing", [f"pose {k}" for k in range(len(poses))])
+    data = json.loads(html.unescape(rotated.markup.split("'")[1]))
+    assert [set(item) for item in data["dots"]] == 5 * [{"x", "y", "z", "diameter", "normal"}]
     assert {"pose 0", "pose 7", "pose 13", "pose 390"} <= set(data["poses"]["words"])
     assert len(data["poses"]["x"]) == len(data["poses"]["translation"]) == 42
     assert data["poses"]["rotation"].count(3.0) == 1
-    assert "42 of 400 poses" in turned.caption
+    assert "42 of 400 poses" in rotated.caption
     assert 'larger: 1.0 to 3.0 deg."' in stills[0].markup

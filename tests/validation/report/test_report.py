@@ -17,9 +17,9 @@ from markergen.validation.views import SyntheticViews
 
 
 def test_is_one_whole_page_that_loads_nothing_and_says_in_words_what_it_shows(html):
-    found = check(html)
-    assert len(found.of("svg")) >= 18
-    assert len(found.scripts) == 1
+    result = check(html)
+    assert len(result.of("svg")) >= 18
+    assert len(result.scripts) == 1
 
 
 def test_dome_has_every_pose_with_its_errors(html, results, few):

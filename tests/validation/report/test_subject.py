@@ -16,14 +16,14 @@ from markergen.validation.sentences import advice_sentences
 
 
 def test_cells_of_the_table_make_up_the_whole(pentagon, few):
-    found = bound(pentagon, few, 0.2)
-    table = pose_bins(found)
+    result = bound(pentagon, few, 0.2)
+    table = pose_bins(result)
     assert len(table) == 20
-    whole = np.average([each.rotation_deg**2 for each in table], weights=[each.poses.sum() for each in table])
-    assert np.sqrt(whole) == pytest.approx(rms(found.rotation_deg))
+    whole = np.average([item.rotation_deg**2 for item in table], weights=[item.poses.sum() for item in table])
+    assert np.sqrt(whole) == pytest.approx(rms(result.rotation_deg))
     reference = pose_bounds(pentagon.xyz, few.camera, few.poses, 0.2)
-    np.testing.assert_allclose(found.rotation_deg, reference.rotation_deg)
-    np.testing.assert_allclose(found.translation_pct, reference.translation_pct)
+    np.testing.assert_allclose(result.rotation_deg, reference.rotation_deg)
+    np.testing.assert_allclose(result.translation_pct, reference.translation_pct)
 
 
 def test_short_axis_at_the_origin_is_the_formula(make_marker, setting):
@@ -44,13 +44,13 @@ def test_short_axis_of_a_raised_dot_is_that_of_a_nearer_one(make_marker, setting
 
 
 def test_advice_reaches_what_it_promises(pentagon, setting):
-    found = advise(pentagon, setting.camera, setting.poses)
+    result = advise(pentagon, setting.camera, setting.poses)
     axes = short_axes(pentagon, setting.camera, setting.poses).min(axis=1)
-    assert found.worst.thinnest_px == axes.min()
-    assert setting.poses.polar_angle_deg[found.worst.pose] == pytest.approx(70)
+    assert result.worst.thinnest_px == axes.min()
+    assert setting.poses.polar_angle_deg[result.worst.pose] == pytest.approx(70)
     # 36 mm at 1.5 m and 70 deg, seen with f = 800 px.
-    assert found.worst.center_px == pytest.approx(36e-3 * 800 * np.cos(np.deg2rad(70)) / 1.5, rel=2e-3)
-    for wanted, share in ((found.worst, 1.0), (found.most, 0.94)):
+    assert result.worst.center_px == pytest.approx(36e-3 * 800 * np.cos(np.deg2rad(70)) / 1.5, rel=2e-3)
+    for wanted, share in ((result.worst, 1.0), (result.most, 0.94)):
         scale = wanted.diameter / pentagon.dot_diameter
         larger = short_axes(pentagon, setting.camera, setting.poses, scale).min(axis=1)
         smaller = short_axes(pentagon, setting.camera, setting.poses, scale - 0.2e-3 / pentagon.dot_diameter).min(
@@ -61,10 +61,10 @@ def test_advice_reaches_what_it_promises(pentagon, setting):
 
 
 def test_advice_in_words(pentagon, make_ngon, setting):
-    said = advice_sentences(advise(pentagon, setting.camera, setting.poses), pentagon, setting.poses)
-    assert said[0].startswith(sentence("smallest dot", "1.5 m", "70 deg", "36 mm", "5.6 px"))
-    assert "use 51.2 mm for" in said[0]
-    assert "--dot 51.2mm" in said[-1]
+    message = advice_sentences(advise(pentagon, setting.camera, setting.poses), pentagon, setting.poses)
+    assert message[0].startswith(sentence("smallest dot", "1.5 m", "70 deg", "36 mm", "5.6 px"))
+    assert "use 51.2 mm for" in message[0]
+    assert "--dot 51.2mm" in message[-1]
     many = make_ngon(30, 0.15, 0.02)
     assert "whole marker to 2" in advice_sentences(advise(many, setting.camera, setting.poses), many, setting.poses)[-1]
     large = make_ngon(4, 0.15, 0.06)

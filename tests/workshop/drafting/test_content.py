@@ -100,7 +100,7 @@ def test_holes_that_are_alike_are_called_out_once_with_their_pitch_circle():
 def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     bolts = [circle(4.5, x, y) for x, y in ((90, 0), (0, 90), (-90, 0), (0, -90))]
     slot = Contour(((-5, -80), (5, -80), (5, -74), (-5, -74)), (0, 1, 0, 1))
-    outline = polygon_from([placed(each, 1e-3) for each in (circle(100), circle(10), slot, *bolts)])
+    outline = polygon_from([placed(item, 1e-3) for item in (circle(100), circle(10), slot, *bolts)])
     marker = make(tag=False, outline=outline)
     work, _ = described(marker)
     lines = {callout.lines[0]: callout for callout in work.callouts}
@@ -110,8 +110,8 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     assert np.array(sorted(lines["2x R3"].places)) == pytest.approx(np.array([(-8, -77, 0), (8, -77, 0)]))
     assert [control.symbol for control in lines["cut-out S1, through"].controls] == ["profile"]
     (table,) = [table for table in work.tables if table.title.startswith("Holes")]
-    own = len(marker.substrate.holes)
-    assert [row[3:] for row in table.rows[own:]] == [
+    ours = len(marker.substrate.holes)
+    assert [row[3:] for row in table.rows[ours:]] == [
         ("\xd820", "-", "plain"), *[("\xd89", "-", "plain")] * 4
     ]  # fmt: skip
     (corners,) = [table for table in work.tables if table.title == "Cut-out S1, 16 x 6 mm"]
@@ -122,7 +122,7 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
 def test_holes_of_one_drill_at_any_angle_have_one_callout():
     angles = np.pi * np.arange(6) / 3
     bolts = [circle(3.3, 90 * np.cos(angle), 90 * np.sin(angle)) for angle in angles]
-    work, _ = described(make(tag=False, outline=polygon_from([placed(each, 1e-3) for each in (circle(100), *bolts)])))
+    work, _ = described(make(tag=False, outline=polygon_from([placed(item, 1e-3) for item in (circle(100), *bolts)])))
     (drilled,) = [callout for callout in work.callouts if "\xd86.6" in callout.lines[0]]
     assert drilled.lines[0] == "6x \xd86.6"
     assert drilled.lines[-1] == "from [0\xb0], evenly spaced"
@@ -131,7 +131,9 @@ def test_holes_of_one_drill_at_any_angle_have_one_callout():
 def test_a_datum_among_evenly_spaced_holes_leaves_their_angles():
     marker = make(tag=False)
     work, _ = described(replace(marker, substrate=Substrate(0.005, holes=parse_mount("4xM3@60mm"))))
-    datum, rest = sorted((each for each in work.callouts if each.pitch), key=lambda each: len(each.places))
+    datum, rest = sorted(
+        (callout for callout in work.callouts if callout.pitch), key=lambda callout: len(callout.places)
+    )
     assert (datum.datum, datum.lines[-2:]) == ("C", ("H1, on a circle [\xd860]", "at [45\xb0]"))
     # Three holes evenly spaced would be 120 degrees apart.
     assert rest.lines[-2:] == ("H2 to H4 of 4 evenly spaced", "from [45\xb0], on a circle [\xd860]")
@@ -148,9 +150,9 @@ def test_each_of_several_plates_has_its_outline_described():
     tables = {table.title: table.rows for table in work.tables}
     assert tables["Outline of plate 1, mm"] == (("-80.0000", "0.0000", "\xd8120"),)
     assert tables["Outline of plate 2, mm"] == (("80.0000", "0.0000", "\xd8120"),)
-    words = [each for each in work.callouts if each.lines[0].endswith("all around")]
-    assert [each.lines[0] for each in words] == ["plate 1, all around", "plate 2, all around"]
-    assert all(each.controls[0].symbol == "profile" for each in words)
+    phrase = [item for item in work.callouts if item.lines[0].endswith("all around")]
+    assert [item.lines[0] for item in phrase] == ["plate 1, all around", "plate 2, all around"]
+    assert all(item.controls[0].symbol == "profile" for item in phrase)
     # The size over both plates is no size of either.
     assert work.listed
 
@@ -158,19 +160,19 @@ def test_each_of_several_plates_has_its_outline_described():
 def test_every_recess_has_its_size_place_and_depth():
     board = Polygon((((-0.15, -0.07), (0.15, -0.07), (0.15, 0.07), (-0.15, 0.07)),))
     work, _ = described(replace(pair_of_disks(), substrate=Substrate(0.003, outline=board)), process="print")
-    recesses = [each for each in work.callouts if each.lines[0].startswith("recess")]
-    assert [each.lines[0] for each in recesses] == ["recess 1", "recess 2"]
-    assert all("0.2 +0.05 / 0 deep" in each.lines[2] and each.controls[0].symbol == "profile" for each in recesses)
+    recesses = [item for item in work.callouts if item.lines[0].startswith("recess")]
+    assert [item.lines[0] for item in recesses] == ["recess 1", "recess 2"]
+    assert all("0.2 +0.05 / 0 deep" in item.lines[2] and item.controls[0].symbol == "profile" for item in recesses)
     assert len([table for table in work.tables if table.title.startswith("Recess")]) == 2
     left, right = (((x - 0.05, -0.05), (x + 0.05, -0.05), (x + 0.05, 0.05), (x - 0.05, 0.05)) for x in (-0.08, 0.08))
     halves = Polygon((left, right))
     marker = replace(pair_of_disks(), boundary=halves, substrate=Substrate(0.003, outline=board))
     work, _ = described(marker, process="print")
-    recesses = [each for each in work.callouts if each.lines[0].startswith("recess")]
-    assert {each.lines[0] for each in recesses} == {"recess 100.4 x 100.4 +0.2 / 0"}
-    assert {each.lines[1] for each in recesses} == {f"center at x [{x}], y [0]" for x in (-80, 80)}
+    recesses = [item for item in work.callouts if item.lines[0].startswith("recess")]
+    assert {item.lines[0] for item in recesses} == {"recess 100.4 x 100.4 +0.2 / 0"}
+    assert {item.lines[1] for item in recesses} == {f"center at x [{x}], y [0]" for x in (-80, 80)}
     # An inlaid tag fills its pocket.
-    assert not [each for each in described(make())[0].callouts if each.lines[0].startswith("recess")]
+    assert not [item for item in described(make())[0].callouts if item.lines[0].startswith("recess")]
 
 
 def test_an_outline_that_is_no_rectangle_has_its_corners_listed():
@@ -179,8 +181,8 @@ def test_an_outline_that_is_no_rectangle_has_its_corners_listed():
     (table,) = [table for table in work.tables if table.title.startswith("Outline")]
     arcs = [row for row in table.rows if row[2] == "arc R10, counterclockwise"]
     assert (len(arcs), len(table.rows)) == (4, 8)
-    (words,) = [callout for callout in work.callouts if callout.lines[0] == "outline, all around"]
-    assert words.controls[0].datums == ("A", "B", "C")
+    (phrase,) = [callout for callout in work.callouts if callout.lines[0] == "outline, all around"]
+    assert phrase.controls[0].datums == ("A", "B", "C")
     assert ("4x R10",) in [callout.lines for callout in work.callouts]
     # The sloping side is no datum; the lower and the left one are, where no dowels are.
     work, _ = described(replace(make(tag=False, outline=skew), substrate=Substrate(0.005, outline=skew)))
@@ -228,7 +230,7 @@ def test_many_sizes_of_holes_and_arcs_of_an_outline_are_left_to_the_table():
     bores = [circle(1 + k / 10, -35 + 10 * k, 88) for k in range(8)]
     tall = [(x, -90, -89 + x / 50) for x in range(-28, 36, 8)]
     slots = [Contour(((x, low), (x + 3, low), (x + 3, high), (x, high)), (0, 1, 0, 1)) for x, low, high in tall]
-    outline = polygon_from([placed(each, 1e-3) for each in (circle(100), *bores, *slots)])
+    outline = polygon_from([placed(item, 1e-3) for item in (circle(100), *bores, *slots)])
     work, _ = described(make(tag=False, outline=outline))
     lines = [callout.lines for callout in work.callouts]
     # The dowels are datums and told by themselves; screws and drawn holes have zones of the same size.
@@ -349,7 +351,7 @@ def flange(make=make):
     """A plate with a bore, a hole for a pin and four for screws, as a drawing has them."""
     holes = [circle(15), circle(3, 88), *(circle(2.75, x, y) for x in (-92, 92) for y in (-82, 82))]
     corners = Contour(((-100, -90), (100, -90), (100, 90), (-100, 90)))
-    outline = polygon_from([placed(each, 1e-3) for each in (corners, *holes)])
+    outline = polygon_from([placed(item, 1e-3) for item in (corners, *holes)])
     return replace(make(tag=False), substrate=Substrate(outline=outline, thickness=0.006))
 
 
@@ -358,7 +360,7 @@ def datums(work):
 
 
 def callout(work, label):
-    return next(each for each in work.callouts if any(label in line.split() for line in each.lines))
+    return next(item for item in work.callouts if any(label in line.split() for line in item.lines))
 
 
 def test_a_bore_and_a_hole_of_its_own_size_are_datums_before_edges():

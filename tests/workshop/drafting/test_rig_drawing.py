@@ -59,19 +59,21 @@ def test_a_face_of_a_cube_is_seen_from_where_its_view_says():
     rig = cube(0.08)
     for view in work_of(rig).views:
         sign, axis = view.text[-2:]
-        [each] = [
-            each for each in rig.markers if each.rotation_matrix[:, 2]["xyz".index(axis)] == (1 if sign == "+" else -1)
+        [marker] = [
+            marker
+            for marker in rig.markers
+            if marker.rotation_matrix[:, 2]["xyz".index(axis)] == (1 if sign == "+" else -1)
         ]
-        assert [name.text for name in view.names] == [each.name]
+        assert [name.text for name in view.names] == [marker.name]
         dots = [face for face in view.faces if face.material == "dark"]
         right, up = (
             (-1 if way.startswith("-") else 1) * np.eye(3)["xyz".index(way[-1])] for way in view.axes
         )  # fmt: skip
-        wanted = [(1e3 * each.to_body(xyz) @ right, 1e3 * each.to_body(xyz) @ up) for xyz in each.marker.xyz]
-        found = [((face.box[0] + face.box[2]) / 2, (face.box[1] + face.box[3]) / 2) for face in dots]
-        np.testing.assert_allclose(found, wanted, atol=1e-9)
+        wanted = [(1e3 * marker.to_body(xyz) @ right, 1e3 * marker.to_body(xyz) @ up) for xyz in marker.marker.xyz]
+        result = [((face.box[0] + face.box[2]) / 2, (face.box[1] + face.box[3]) / 2) for face in dots]
+        np.testing.assert_allclose(result, wanted, atol=1e-9)
         # Seen from the front a face is not mirrored.
-        assert np.cross(right, up) @ each.rotation_matrix[:, 2] == pytest.approx(1)
+        assert np.cross(right, up) @ marker.rotation_matrix[:, 2] == pytest.approx(1)
 
 
 def test_datums_of_a_prism_are_two_sides_and_an_end():
@@ -84,10 +86,10 @@ def test_datums_of_a_prism_are_two_sides_and_an_end():
 
 def test_the_table_of_faces_is_the_pose_of_each():
     rig = prism()
-    for each, row in zip(rig.markers, work_of(rig).tables[0].rows, strict=True):
-        np.testing.assert_allclose([float(word) for word in row[1:4]], 1e3 * each.translation_vector, atol=6e-5)
+    for marker, row in zip(rig.markers, work_of(rig).tables[0].rows, strict=True):
+        np.testing.assert_allclose([float(word) for word in row[1:4]], 1e3 * marker.translation_vector, atol=6e-5)
         axes = [[float(word) for word in cell.strip("()").split(",")] for cell in row[4:]]
-        np.testing.assert_allclose(np.transpose(axes), each.rotation_matrix, atol=6e-7)
+        np.testing.assert_allclose(np.transpose(axes), marker.rotation_matrix, atol=6e-7)
 
 
 def test_the_face_of_a_block_is_drawn_with_the_block_behind_it():

@@ -117,11 +117,11 @@ def test_sizes_on_the_drawing_are_those_of_the_plate():
     assert {"326", "206", "163", "103", "4 \xb10.2"} <= set(written)
     view = {shape.text: bounds(shape) for shape in texts(page)}
     boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 5]
-    for words in ("163", "103"):
-        around = [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
-        assert around, f"{words} is theoretically exact, and in a box"
-    for words in ("326", "206"):
-        assert not [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+    for phrase in ("163", "103"):
+        around = [b for b in boxes if np.all(np.abs(np.subtract(b, view[phrase])) < 1.5)]
+        assert around, f"{phrase} is theoretically exact, and in a box"
+    for phrase in ("326", "206"):
+        assert not [b for b in boxes if np.all(np.abs(np.subtract(b, view[phrase])) < 1.5)]
     # From dowels the distances of the edges are sizes like others.
     pins = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
     other = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003, holes=pins))
@@ -169,10 +169,10 @@ def test_too_many_callouts_are_smaller_and_all_there():
 
 def test_leaders_keep_off_dots_where_they_can():
     front = usual_front("many")
-    words = next(bounds(shape) for shape in front.shapes if shape.name == "callout-1-0")
+    phrase = next(bounds(shape) for shape in front.shapes if shape.name == "callout-1-0")
     runs = [shape.points for shape in front.shapes if isinstance(shape, Line) and len(shape.points) == 2]
     (level,) = [
-        (a, b) for a, b in runs if a[1] == b[1] and words[1] < a[1] < words[3] and 0 < words[0] - max(a[0], b[0]) < 2
+        (a, b) for a, b in runs if a[1] == b[1] and phrase[1] < a[1] < phrase[3] and 0 < phrase[0] - max(a[0], b[0]) < 2
     ]
     # The ring is at one end of a row of ten: its leader runs level between two rows.
     assert abs(level[1][0] - level[0][0]) > 100
@@ -182,7 +182,7 @@ def test_leaders_keep_off_dots_where_they_can():
 
 def leaders(front):
     """Both legs of each leader: the level one ends beside the words."""
-    words = [
+    phrase = [
         bounds(shape) for shape in texts(front) if shape.name.endswith("-0") and shape.name[:4] in ("call", "left")
     ]
     runs = [shape.points for shape in front.shapes if isinstance(shape, Line) and len(shape.points) == 2]
@@ -190,7 +190,7 @@ def leaders(front):
     ends = []
     for start, end in level:
         west, east = sorted((start[0], end[0]))
-        heights = [(left - east, west - right) for left, low, right, high in words if low < start[1] < high]
+        heights = [(left - east, west - right) for left, low, right, high in phrase if low < start[1] < high]
         if any(0 < apart < 2 for pair in heights for apart in pair):
             ends.append((start, end))
     return [(next(run for run in runs if run not in level and start in run), (start, end)) for start, end in ends]

@@ -42,14 +42,14 @@ def test_is_r2010_in_mm_without_defects(marker):
 
 def test_dots_are_exact_circles(marker):
     circles = list(read(marker).modelspace().query("CIRCLE[layer=='ENGRAVE']"))
-    found = sorted((c.dxf.center.x, c.dxf.center.y, 2 * c.dxf.radius) for c in circles)
+    result = sorted((c.dxf.center.x, c.dxf.center.y, 2 * c.dxf.radius) for c in circles)
     expected = sorted(
         (point.x * 1e3, point.y * 1e3, diameter * 1e3)
         for point in marker.control_points
         for diameter in (point.feature.diameter, point.feature.inner_diameter)
         if diameter
     )
-    np.testing.assert_allclose(found, expected, atol=WRITTEN, rtol=0)
+    np.testing.assert_allclose(result, expected, atol=WRITTEN, rtol=0)
 
 
 def test_the_tag_is_closed_outlines_of_its_ink(marker):
@@ -85,10 +85,10 @@ def test_circles_of_an_outline_are_circles_and_its_arcs_are_bulges(make_in):
     marker = make_in(polygon_from([circle(0.125), slot, circle(0.0045, 0.07, 0.07)]), 5, 0.012)
     laser = ezdxf.read(io.StringIO(write_laser_dxf(marker, Fabrication("laser")).decode()))
     for document in (read(marker), laser):
-        found = sorted(
+        result = sorted(
             (c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in document.modelspace().query("CIRCLE[layer=='CUT']")
         )
-        np.testing.assert_allclose(found, [(0, 0, 125), (70, 70, 4.5)], atol=WRITTEN)
+        np.testing.assert_allclose(result, [(0, 0, 125), (70, 70, 4.5)], atol=WRITTEN)
         (line,) = document.modelspace().query("LWPOLYLINE[layer=='CUT']")
         assert line.closed
         assert sorted(bulge for (bulge,) in line.get_points("b")) == [-1, -1, 0, 0]
@@ -97,11 +97,11 @@ def test_circles_of_an_outline_are_circles_and_its_arcs_are_bulges(make_in):
 
 
 def test_words_say_which_marker_and_which_dot(marker):
-    words = {entity.dxf.text: entity for entity in read(marker).modelspace().query("TEXT")}
-    assert {"x", "y", *map(str, range(7))} < set(words)
-    assert any("markergen-1a2b3c4d" in text and "millimeters" in text for text in words)
+    phrase = {entity.dxf.text: entity for entity in read(marker).modelspace().query("TEXT")}
+    assert {"x", "y", *map(str, range(7))} < set(phrase)
+    assert any("markergen-1a2b3c4d" in text and "millimeters" in text for text in phrase)
     for point in marker.control_points:
-        _, place, _ = words[str(point.id)].get_placement()
+        _, place, _ = phrase[str(point.id)].get_placement()
         np.testing.assert_allclose((place.x, place.y), (point.x * 1e3, point.y * 1e3), atol=WRITTEN)
 
 
@@ -178,8 +178,8 @@ def test_a_laser_engraves_relief_in_plan(marker):
     raised = replace(marker, control_points=points)
     data = write_laser_dxf(raised, LASER)
     assert by_layer(data, "ENGRAVE")[0] == by_layer(write_dxf(marker), "ENGRAVE")[0]
-    words = {entity.dxf.text for entity in ezdxf.read(io.StringIO(data.decode())).modelspace().query("TEXT")}
-    assert {"0", "1, z = 10 mm", "2", "3, z = 10 mm"} < words
+    phrase = {entity.dxf.text for entity in ezdxf.read(io.StringIO(data.decode())).modelspace().query("TEXT")}
+    assert {"0", "1, z = 10 mm", "2", "3, z = 10 mm"} < phrase
     with pytest.raises(InputError, match="a flat marker"):
         write_dxf(raised)
 

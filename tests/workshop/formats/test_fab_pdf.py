@@ -25,9 +25,9 @@ from markergen.workshop.formats.fab_pdf import write_fabrication_sheet
 MM = 25.4 / 72
 
 
-def plain(words):
+def plain(phrase):
     """Words without the blanks between them, which lines that break do not keep."""
-    return re.sub(r"\s", "", words)
+    return re.sub(r"\s", "", phrase)
 
 
 @pytest.fixture(
@@ -55,7 +55,7 @@ def assert_apart(page):
 
 def test_all_ink_is_inside_of_the_border(sheet):
     for page in sheet[2]:
-        boxes = MM * np.array([each.get_bounds() for each in page.get_objects()])
+        boxes = MM * np.array([get_object.get_bounds() for get_object in page.get_objects()])
         # The border's line is 0.4 mm wide, 12 mm from the edge on A4.
         assert boxes[:, :2].min() > 9.8
         assert (MM * np.array(page.get_size()) - boxes[:, 2:]).min() > 9.8
@@ -72,38 +72,38 @@ def test_no_two_texts_touch(sheet):
 
 def test_all_that_the_drawing_says_can_be_searched(sheet):
     work, _, document = sheet
-    found = said(document)
+    result = said(document)
     spans = [*work.heights, *(span for section in work.sections for span in (*section.across, *section.upright))]
-    words = [
+    phrase = [
         work.block.name, work.block.title, work.block.process, work.block.general, work.block.finish, *work.notes,
-        *(span.text for span in spans), *(label.name for label in work.labels), *(words for _, words in work.key),
+        *(span.text for span in spans), *(label.name for label in work.labels), *(phrase for _, phrase in work.key),
         *(part for callout in work.callouts for line in callout.lines for part in re.split(r"[\[\]]", line)),
         *(section.title for section in work.sections), *(line for text in work.engraved for line in text.lines),
         *(control.zone for callout in work.callouts for control in callout.controls),
     ]  # fmt: skip
-    assert [each for each in words if plain(each) not in found] == []
+    assert [word for word in phrase if plain(word) not in result] == []
     for table in work.tables:
-        assert plain(table.title) in found
-        assert plain("".join(table.headings)) in found
-        narrow = [row for row in table.rows if plain("".join(row)) not in found]
+        assert plain(table.title) in result
+        assert plain("".join(table.headings)) in result
+        narrow = [row for row in table.rows if plain("".join(row)) not in result]
         # Only words that are too wide for their column are on several lines.
-        assert all(plain(cell)[:9] in found for row in narrow for cell in row)
+        assert all(plain(cell)[:9] in result for row in narrow for cell in row)
         assert len(narrow) <= 1
-    assert f"1of{len(document)}" in found
-    assert f"{len(document)}of{len(document)}" in found
+    assert f"1of{len(document)}" in result
+    assert f"{len(document)}of{len(document)}" in result
 
 
 def test_no_title_stands_without_what_it_is_of(sheet):
     work, _, document = sheet
     for page in document:
-        found = plain(page.get_textpage().get_text_range())
+        results = plain(page.get_textpage().get_text_range())
         for table in work.tables:
             # PDFium reads a row of the next column between the two if it is as high on the page.
             head = re.escape(plain(table.title)) + r"(\(\dof\d\))?.{0,60}?" + re.escape(plain("".join(table.headings)))
-            assert found.count(plain(table.title)) == len(re.findall(head, found))
+            assert results.count(plain(table.title)) == len(re.findall(head, results))
             rows = [plain(row[0]) for row in table.rows]
-            for begin in (match.end() for match in re.finditer(head, found)):
-                assert any(found[begin:].startswith(row) for row in rows), table.title
+            for begin in (match.end() for match in re.finditer(head, results)):
+                assert any(results[begin:].startswith(row) for row in rows), table.title
     for table in work.tables:
         if len(table.rows) <= 12:
             assert said(document).count(plain(table.title)) == 1
@@ -152,11 +152,11 @@ def test_a_title_that_is_wider_than_its_column_wraps():
 def test_a_long_table_is_in_even_pieces_and_no_page_is_nearly_empty():
     work = described(MARKERS["many"])
     document = pypdfium2.PdfDocument(write_fabrication_sheet(work, SheetOptions())[0])
-    found = said(document)
+    result = said(document)
     for number in (1, 2):
-        assert f"Centersofthedots,mm,theoreticallyexact({number}of2)idxyzdiameterinner" in found
+        assert f"Centersofthedots,mm,theoreticallyexact({number}of2)idxyzdiameterinner" in result
     for page in document:
-        boxes = [each.get_bounds() for each in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
+        boxes = [get_object.get_bounds() for get_object in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]
         # Above the title block: words over more than a third of the height.
         lows = [box[1] for box in boxes if box[1] > 0.15 * page.get_height()]
         assert max(lows) - min(lows) > page.get_height() / 3
@@ -193,22 +193,22 @@ SAID = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("boundary", "points", "holes", "choices", "words"), SAID)
-def test_whoever_makes_it_need_not_ask(boundary, points, holes, choices, words):
+@pytest.mark.parametrize(("boundary", "points", "holes", "choices", "phrase"), SAID)
+def test_whoever_makes_it_need_not_ask(boundary, points, holes, choices, phrase):
     marker = case(points, boundary, 0.01, holes=holes)
     output = EXPORTERS[".fab.pdf"]([marker], ExportOptions(fabrication=Fabrication(**choices)))
     document = pypdfium2.PdfDocument(output.data)
-    found = said(document)
+    result = said(document)
     document.close()
-    wanted = (*EVERYWHERE, *words)
+    wanted = (*EVERYWHERE, *phrase)
     if "general_tolerance" in choices:
-        wanted = tuple(each for each in wanted if each != "ISO 2768-mK")
-    assert [each for each in wanted if re.sub(r"[\s\[\]]", "", each) not in found] == []
+        wanted = tuple(item for item in wanted if item != "ISO 2768-mK")
+    assert [item for item in wanted if re.sub(r"[\s\[\]]", "", item) not in result] == []
     # Dots are where the table says.
     for point in marker.control_points:
         assert (
             plain(f"{point.x * 1e3 + 0:.4f} {point.y * 1e3 + 0:.4f} {point.z * 1e3:.4f}").replace("-0.0000", "0.0000")
-            in found
+            in result
         )
 
 

@@ -63,9 +63,9 @@ def test_parts_are_nodes_under_the_one_that_turns_them(document):
     assert root["name"] == "markergen-12ab"
     assert root["children"] == [1, 2]
     assert [node["name"] for node in others] == ["plate", "dot-0"]
-    turn = np.reshape(root["matrix"], (4, 4)).T
-    assert np.linalg.det(turn[:3, :3]) == pytest.approx(1)
-    np.testing.assert_array_equal(turn @ [1, 2, 3, 1], [1, 3, -2, 1])
+    rotation = np.reshape(root["matrix"], (4, 4)).T
+    assert np.linalg.det(rotation[:3, :3]) == pytest.approx(1)
+    np.testing.assert_array_equal(rotation @ [1, 2, 3, 1], [1, 3, -2, 1])
 
 
 def test_marked_triangles_are_a_primitive_of_the_other_material(document):

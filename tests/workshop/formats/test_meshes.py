@@ -105,13 +105,13 @@ def test_3mf_is_read_without_a_warning(kind):
     paints = [triangle.PropertyIDs[0] for triangle in whole.GetAllTriangleProperties()]
     first = 0
     for volume, part in zip(volumes_of_3mf(output.data), parts, strict=True):
-        about = {each.get("key"): each.get("value") for each in volume.iter("metadata")}
+        about = {item.get("key"): item.get("value") for item in volume.iter("metadata")}
         assert about == {"name": part.name, "extruder": str(1 + MATERIALS.index(part.material))}
         last = int(volume.get("lastid"))
         assert (int(volume.get("firstid")), last - first + 1) == (first, len(part.triangles))
         # Indices of materials in lib3mf begin at 1.
-        own, other = 1 + MATERIALS.index(part.material), 1 + MATERIALS.index(OTHER[part.material])
-        np.testing.assert_array_equal(paints[first : last + 1], np.where(part.marked, other, own))
+        ours, other = 1 + MATERIALS.index(part.material), 1 + MATERIALS.index(OTHER[part.material])
+        np.testing.assert_array_equal(paints[first : last + 1], np.where(part.marked, other, ours))
         first = last + 1
     assert first == len(paints)
     for data in output.beside.values():
@@ -145,8 +145,8 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
             center, radius = 1e3 * np.array([dot.x, dot.y, dot.z]), 500 * dot.feature.diameter
             offsets = points - center
             ball = options.fabrication.process == "dome"
-            near = np.abs(np.linalg.norm(offsets, axis=1) - radius) < 0.05
-            on = offsets[near & (ball | (np.abs(offsets[:, 2]) < 0.01))]
+            nearby = np.abs(np.linalg.norm(offsets, axis=1) - radius) < 0.05
+            on = offsets[nearby & (ball | (np.abs(offsets[:, 2]) < 0.01))]
             # |x - c|^2 = r^2 is linear in c and r^2 - |c|^2.
             left = np.column_stack([2 * on[:, : 3 if ball else 2], np.ones(len(on))])
             fitted = np.linalg.lstsq(left, (on**2).sum(axis=1), rcond=None)[0][:-1]

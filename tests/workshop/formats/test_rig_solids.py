@@ -45,7 +45,7 @@ def test_the_parts_of_a_step_keep_names_colors_and_places(step):
     assert sum(part.volume for part in parts.values()) == pytest.approx(80**3, rel=1e-6)
     assert parts["body"].color == pytest.approx((1, 1, 1))
     for name, xyz, normal in zip(
-        (f"{each.name}/dot-{point.id}" for each in CUBE.markers for point in each.marker.control_points),
+        (f"{marker.name}/dot-{point.id}" for marker in CUBE.markers for point in marker.marker.control_points),
         1e3 * CUBE.xyz, CUBE.normals, strict=True,
     ):  # fmt: skip
         part = parts[name]
@@ -72,11 +72,11 @@ def test_in_another_kernel_body_and_inlays_touch_and_fill_the_cube(step):
             gmsh.clear()
             occ.importShapes(str(step))
             occ.synchronize()
-            solids = sorted(gmsh.model.getEntities(3), key=lambda each: -occ.getMass(*each))
+            solids = sorted(gmsh.model.getEntities(3), key=lambda item: -occ.getMass(*item))
             assert len(solids) == COUNT
             made, _ = operation(solids[:1], solids[1:])
             occ.synchronize()
-            volume = sum(occ.getMass(*each) for each in made)
+            volume = sum(occ.getMass(*item) for item in made)
             assert volume == pytest.approx(80**3 if operation == occ.fuse else 0, rel=1e-9, abs=1e-6)
     finally:
         gmsh.finalize()
@@ -102,12 +102,12 @@ def test_mujoco_has_a_frame_for_every_marker_and_a_site_on_every_dot(folder):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     sites = iter(CUBE.xyz)
-    for each in CUBE.markers:
-        frame = data.site(f"{each.name}/marker")
-        np.testing.assert_allclose(frame.xpos, each.translation_vector, atol=1e-8)
-        np.testing.assert_allclose(frame.xmat.reshape(3, 3), each.rotation_matrix, atol=1e-8)
-        for point in each.marker.control_points:
-            np.testing.assert_allclose(data.site(f"{each.name}/dot-{point.id}").xpos, next(sites), atol=1e-8)
+    for marker in CUBE.markers:
+        frame = data.site(f"{marker.name}/marker")
+        np.testing.assert_allclose(frame.xpos, marker.translation_vector, atol=1e-8)
+        np.testing.assert_allclose(frame.xmat.reshape(3, 3), marker.rotation_matrix, atol=1e-8)
+        for point in marker.marker.control_points:
+            np.testing.assert_allclose(data.site(f"{marker.name}/dot-{point.id}").xpos, next(sites), atol=1e-8)
     assert model.body("rig").mass[0] == pytest.approx(DENSITY * 0.08**3, rel=1e-4)
     np.testing.assert_allclose(model.body("rig").inertia, DENSITY * 0.08**5 / 6, rtol=1e-4)
     np.testing.assert_allclose(model.geom("collision").size, 0.04)
@@ -120,10 +120,10 @@ def test_every_plate_of_a_wall_has_its_own_box_to_collide_with(tmp_path):
     rig = wall(columns=2, rows=1)
     save(rig, [tmp_path / "wall.mjcf.xml"], OPTIONS)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "wall.mjcf.xml"))
-    for each in rig.markers:
-        shape = model.geom(f"{each.name}/plate/collision")
+    for marker in rig.markers:
+        shape = model.geom(f"{marker.name}/plate/collision")
         np.testing.assert_allclose(shape.size, [0.042, 0.042, 0.0015])
-        np.testing.assert_allclose(shape.pos, each.translation_vector - [0, 0, 0.0015], atol=1e-9)
+        np.testing.assert_allclose(shape.pos, marker.translation_vector - [0, 0, 0.0015], atol=1e-9)
 
 
 def test_plates_that_overlap_are_only_to_look_at(tmp_path):
@@ -152,10 +152,10 @@ def test_thick_plates_of_a_pair_do_not_overlap(angle):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_roll_pitch_and_yaw_make_the_rotation(seed):
-    turn = (
+    rotation = (
         exponential(np.random.default_rng(seed).normal(size=3))
         if seed
         else np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     )
-    made = [exponential(angle * axis) for angle, axis in zip(roll_pitch_yaw(turn), np.eye(3), strict=True)]
-    np.testing.assert_allclose(made[2] @ made[1] @ made[0], turn, atol=1e-12)
+    made = [exponential(angle * axis) for angle, axis in zip(roll_pitch_yaw(rotation), np.eye(3), strict=True)]
+    np.testing.assert_allclose(made[2] @ made[1] @ made[0], rotation, atol=1e-12)

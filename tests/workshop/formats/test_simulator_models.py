@@ -93,8 +93,8 @@ def by_mujoco(folder: Path, suffix: str) -> Seen:
             continue
         assert not model.geom_contype[index]
         mesh = model.mesh(model.geom_dataid[index])
-        turn, shift = data.geom_xmat[index].reshape(3, 3), data.geom_xpos[index]
-        points = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ turn.T + shift
+        rotation, offset = data.geom_xmat[index].reshape(3, 3), data.geom_xpos[index]
+        points = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]] @ rotation.T + offset
         faces = model.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]]
         material = model.geom_matid[index]
         color = model.geom_rgba[index] if material < 0 else model.mat_rgba[material]
@@ -258,12 +258,12 @@ def test_meshes_too_large_for_mujoco_are_put_in_several_files(monkeypatch, marke
     largest = max(len(part.triangles) for part in parts if part.material == "dark")
     monkeypatch.setattr("markergen.workshop.formats.simulators.MOST_TRIANGLES", largest)
     several = _shown(parts, "name", "stem")
-    assert all((len(each.stl) - 84) // 50 <= largest < MOST_TRIANGLES for each in several)
-    assert [each.name for each in several if each.material == "dark"][:2] == ["dark", "dark-2"]
-    assert len({each.path for each in several}) == len(several)
-    for each in whole:
-        pieces = [other.stl[84:] for other in several if other.material == each.material]
-        assert b"".join(pieces) == each.stl[84:]
+    assert all((len(item.stl) - 84) // 50 <= largest < MOST_TRIANGLES for item in several)
+    assert [item.name for item in several if item.material == "dark"][:2] == ["dark", "dark-2"]
+    assert len({item.path for item in several}) == len(several)
+    for item in whole:
+        pieces = [other.stl[84:] for other in several if other.material == item.material]
+        assert b"".join(pieces) == item.stl[84:]
 
 
 def test_the_model_folder_says_which_file_is_the_model(outputs):

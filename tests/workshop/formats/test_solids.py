@@ -73,7 +73,7 @@ def parts(written, tmp_path_factory) -> dict:
     shapes.GetFreeShapes(roots)
     assert roots.Length() == 1
     shapes.GetComponents_s(roots.Value(1), members)
-    found: dict = {"": name(roots.Value(1))}
+    results: dict = {"": name(roots.Value(1))}
     for index in range(1, members.Length() + 1):
         part, color, inner = TDF_Label(), Quantity_Color(), TDF_LabelSequence()
         shape = cadquery.Shape.cast(shapes.GetShape_s(members.Value(index)))
@@ -86,8 +86,8 @@ def parts(written, tmp_path_factory) -> dict:
             if colors.GetColor_s(inner.Value(k), XCAFDoc_ColorSurf, color):
                 face = cadquery.Shape.cast(shapes.GetShape_s(inner.Value(k)))
                 faces.append((face, tuple(color.Values(Quantity_TOC_sRGB))))
-        found[name(members.Value(index))] = (shape, values, faces)
-    return found
+        results[name(members.Value(index))] = (shape, values, faces)
+    return results
 
 
 def test_names_and_number_of_solids(written, parts):

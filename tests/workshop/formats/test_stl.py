@@ -20,19 +20,19 @@ def test_is_binary_counts_its_triangles_and_names_the_marker():
 
 
 def test_corners_are_millimeters_and_normals_point_outside():
-    found = facets(write_stl([part("plate", "light", CORNERS)], "m"))
-    np.testing.assert_array_equal(found["corners"], CORNERS[SIDES])
+    results = facets(write_stl([part("plate", "light", CORNERS)], "m"))
+    np.testing.assert_array_equal(results["corners"], CORNERS[SIDES])
     third = 3**-0.5
     expected = [[0, 0, -1], [0, -1, 0], [third, third, third], [-1, 0, 0]]
-    np.testing.assert_allclose(found["normal"], expected, atol=1e-7)  # 32-bit floats
-    assert not found["attribute"].any()
+    np.testing.assert_allclose(results["normal"], expected, atol=1e-7)  # 32-bit floats
+    assert not results["attribute"].any()
 
 
 def test_a_triangle_without_an_area_has_no_normal():
-    found = facets(
+    results = facets(
         write_stl([part("plate", "light", np.array([[0, 0, 1.0], [1, 0, 1], [2, 0, 1]]), np.array([[0, 1, 2]]))], "m")
     )
-    np.testing.assert_array_equal(found["normal"], [[0, 0, 0]])
+    np.testing.assert_array_equal(results["normal"], [[0, 0, 0]])
 
 
 def test_equal_points_of_two_parts_are_kept_apart_by_less_than_a_micrometer():

@@ -54,11 +54,11 @@ def test_whole_is_one_mesh_and_one_item(whole):
 
 def test_ranges_of_triangles_are_the_parts_with_their_extruders(whole):
     volumes = unpacked(whole, VOLUMES).findall("object[@id='2']/volume")
-    found = [
-        (volume.get("firstid"), volume.get("lastid"), *(each.get("value") for each in volume.iter("metadata")))
+    result = [
+        (volume.get("firstid"), volume.get("lastid"), *(item.get("value") for item in volume.iter("metadata")))
         for volume in volumes
     ]
-    assert found == [("0", "3", "plate", "1"), ("4", "7", "dot-0", "2")]
+    assert result == [("0", "3", "plate", "1"), ("4", "7", "dot-0", "2")]
 
 
 def test_item_lies_on_the_bed_or_above(whole):
@@ -76,7 +76,7 @@ def test_parts_are_named_objects_of_one_item(apart):
         ("plate", "0"),
         ("dot-0", "1"),
     ]
-    assert [each.find(f"{CORE}metadatagroup/{CORE}metadata").text for each in (plate, dot)] == ["0", "1"]
+    assert [entry.find(f"{CORE}metadatagroup/{CORE}metadata").text for entry in (plate, dot)] == ["0", "1"]
     assert group.get("name") == NAME
     members = [component.get("objectid") for component in group.iter(f"{CORE}component")]
     assert members == [plate.get("id"), dot.get("id")]
@@ -85,17 +85,21 @@ def test_parts_are_named_objects_of_one_item(apart):
 
 def test_points_are_exact_as_32_bit_floats(whole, apart):
     plate, dot, _ = unpacked(apart).findall(f".//{CORE}object")
-    for found, expected in ((plate, CORNERS), (dot, CORNERS + 1), (unpacked(whole), np.vstack([CORNERS, CORNERS + 1]))):
-        np.testing.assert_array_equal(np.float32(points(found)), expected.astype(np.float32))
+    for result, expected in (
+        (plate, CORNERS),
+        (dot, CORNERS + 1),
+        (unpacked(whole), np.vstack([CORNERS, CORNERS + 1])),
+    ):
+        np.testing.assert_array_equal(np.float32(points(result)), expected.astype(np.float32))
 
 
 def test_triangles_have_their_material(whole, apart):
     plate, dot, _ = unpacked(apart).findall(f".//{CORE}object")
     assert [triangle.get("p1") for triangle in plate.iter(f"{CORE}triangle")] == [None, "1", None, None]
     assert all(triangle.get("pid") is None for triangle in dot.iter(f"{CORE}triangle"))
-    found = list(unpacked(whole).iter(f"{CORE}triangle"))
-    assert [triangle.get("p1") for triangle in found] == [None, "1", None, None, *4 * ["1"]]
-    assert {int(triangle.get(f"v{k}")) for triangle in found[4:] for k in (1, 2, 3)} == {4, 5, 6, 7}
+    results = list(unpacked(whole).iter(f"{CORE}triangle"))
+    assert [triangle.get("p1") for triangle in results] == [None, "1", None, None, *4 * ["1"]]
+    assert {int(triangle.get(f"v{k}")) for triangle in results[4:] for k in (1, 2, 3)} == {4, 5, 6, 7}
 
 
 def test_an_independent_reader_in_strict_mode_has_nothing_to_say(whole, apart):
