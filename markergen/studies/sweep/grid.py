@@ -4,14 +4,14 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
 from markergen.defaults import NOISE_PX
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.json_text import in_one_line
@@ -180,12 +180,18 @@ def _study(table: Any, findings: list[str]) -> dict[str, Any]:
     study = {}
     for key, value in table.items():
         if key not in _STUDY:
-            findings.append(f"study.{brief(key)[1:-1]}: unknown key (known: {', '.join(_STUDY)})")
+            findings.append(_unknown("study", key, _STUDY, _STUDY))
         elif problem := _wrong(key, value):
             findings.append(f"study.{key}: {problem} (got {brief(value)})")
         else:
             study[key] = value
     return study
+
+
+def _unknown(table: str, key: str, keys: Iterable[str], listed: Sequence[str]) -> str:
+    """Finding for an unknown key of a table, with the nearest of its keys."""
+    name = brief(key)[1:-1]
+    return f"{table}.{name}: unknown key ({among(name, keys, listed)})"
 
 
 def _wrong(key: str, value: Any) -> str:
@@ -218,7 +224,7 @@ def _axes(table: Any, findings: list[str], reading: Mapping[str, Any]) -> dict[s
     axes = {}
     for key, values in table.items():
         if key not in KEYS and key != "shape":
-            findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(KEYS))})")
+            findings.append(_unknown("grid", key, KEYS, (*_OWN, "options of a spec, as in markergen design --help")))
             continue
         if not isinstance(values, list) or not values:
             findings.append(f"grid.{key}: not a list of values (got {brief(values)})")
