@@ -34,6 +34,7 @@ from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.dot_size import choose_dots, clearance_of, largest_that_leaves_room, needs_scales
 from markergen.optimize.ending import current_limit, limited
+from markergen.optimize.problem import check_criteria
 from markergen.optimize.rig import design_rig
 from markergen.optimize.to_marker import members
 from markergen.optimize.trace import MOVIES, Movie, check_trace_path, trace_bytes
@@ -348,6 +349,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
     spec = make(limits[0]) if limits else make(*_held_by_page(make, choices.sheet)) if page else make()
     if fit and spec.relief:
         raise InputError("a length for the radius of a marker with relief", "--radius fit", "sheets hold flat ones")
+    with with_place(place):
+        check_criteria(spec)
     ids = values.get("ids")
     if ids is not None and not spec.tag:
         raise InputError("a tag for the ids", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
@@ -405,6 +408,7 @@ def rig_request_of(shape: str | Path, options: Mapping[str, Any]) -> Request:
     values |= {name: asked[name] for name in SHARED if name in asked}
     with with_place(place):
         spec = replace(spec_from_mapping(values, source), substrate=geometry.substrate)
+        check_criteria(spec)
         tags = _tags(asked, len(geometry.faces))
     spec = replace(spec, tag=tags[0], tag_side=asked["tag_size"]) if tags and "tag_size" in asked else spec
     listed = shape if markers or geometry.text == "plates" else None

@@ -23,6 +23,7 @@ from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
+from markergen.read.poses import poses_from
 from markergen.units import format_length, parse_length
 
 FEW_POSES = 48
@@ -107,6 +108,12 @@ def check_parts(spec: Spec, setting: Setting) -> None:
     """Refuse an aggregate or coordinates that the spec's criteria do not know; raises InputError."""
     for name in parse_goal(spec.objective).names:
         _part(spec, setting, name, spec.aggregate)
+
+
+def check_criteria(spec: Spec) -> None:
+    """Refuse names of criteria as `check_objective` and `check_parts`, before the poses of a spec are looked at."""
+    check_objective(spec, spec.noise_model == "image")
+    check_parts(spec, Setting(spec.boundary, spec.camera, poses_from("paper")))
 
 
 def objective_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Objective:

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from markergen.defaults import NOISE_PX
-from markergen.errors import InputError, among, brief
+from markergen.errors import InputError, among, brief, with_place
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.json_text import in_one_line
 from markergen.model.spec import AUTO, Spec
-from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots
-from markergen.optimize.problem import check_objective, check_parts
+from markergen.optimize.problem import check_criteria
 from markergen.read.cameras import read_camera
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import DRAWING, spec_from_mapping
@@ -133,7 +132,9 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
     if not name.endswith(".toml") and name not in names:
         raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *names])}")
     path = names.get(name, Path(name))
-    return sweep_from_mapping(read_template(str(path)), path.stem, runs)
+    values = read_template(str(path))
+    with with_place(f"in {path}"):
+        return sweep_from_mapping(values, path.stem, runs)
 
 
 def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int | None = None) -> Sweep:
@@ -164,7 +165,7 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
         findings.append(f"grid: {count} combinations, at most {MOST_POINTS_OF_GRID}")
     points = [] if count > MOST_POINTS_OF_GRID else list(_combinations(axes, fixed, estimators, findings))
     if findings:
-        raise InputError(f"a study that can be run in {name}", in_one_line(findings, SHOWN), "correct these places")
+        raise InputError("a study that can be run", in_one_line(findings, SHOWN), "correct these places")
     written = {key: tuple(text for text, _ in pairs) for key, pairs in axes.items()}
     return Sweep(study.get("name", name), _plain(fixed), written, study.get("runs", RUNS), tuple(points))
 
@@ -337,9 +338,8 @@ def _estimators(
     """
     if spec.n == AUTO and not spec.target:
         raise InputError("numbers of dots, all of one size", "n='auto', of which a pad is made", "list numbers")
-    check_objective(spec, spec.noise_model == "image")
-    names = canonical_text(["names", spec.objective, spec.aggregate, spec.coordinates])
-    _once(checked, names, lambda: check_parts(spec, Setting(spec.boundary, spec.camera, poses_from("paper"))))
+    names = [spec.objective, spec.aggregate, spec.coordinates, spec.noise_model, spec.relief]
+    _once(checked, canonical_text(["names", *names]), lambda: check_criteria(spec))
     if layout != "designed":
         for name in ("relief", "asymmetric"):
             if getattr(spec, name):

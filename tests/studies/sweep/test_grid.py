@@ -179,3 +179,11 @@ def test_a_drawing_as_boundary(tmp_path):
     assert sweep.points[0].spec.boundary.area == pytest.approx(0.02)
     with pytest.raises(InputError, match="ignore_open: without a drawing"):
         sweep_from_mapping({"radius": "5cm", "ignore_open": True, "grid": {"n": [5, 6]}})
+
+
+def test_an_error_in_a_study_names_its_file(tmp_path):
+    (tmp_path / "sweep.toml").write_text('objective = "poze"\n[grid]\nn = [4]\n')
+    with pytest.raises(
+        InputError, match=r"a study that can be run in .*sweep\.toml, found n=4: .*objective, found 'poze'"
+    ):
+        read_sweep(str(tmp_path / "sweep.toml"))
