@@ -17,10 +17,15 @@ from markergen.model.marker import Marker
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, distance_span
 from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.poses.conventions import ANGLES, plain_name, unit_of
 from markergen.read.poses.rows import RowsFile
 from markergen.read.spec_file import Finite, Length
 
 SUFFIXES = (".toml", ".json", ".csv")
+
+WORDS, LENGTHS = ("name", "marker", "boundary"), ("radius", "x", "y", "z")
+ROTATIONS = {"rotation_vector": (("rx", "ry", "rz"), "rad"), "euler_deg": (("roll", "pitch", "yaw"), "deg")}
+"""Columns of each form of a rotation, and their unit."""
 
 COLUMNS = ("name", "marker", "radius", "boundary", "x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw")
 
@@ -59,7 +64,7 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
     and ``ignore_open``; ``translation`` in m or with units; and ``rotation_vector`` in rad, ``euler_deg``, turns about
     the rig's x, then y, then z axis, or ``matrix``, row by row.
     In CSV the columns are `COLUMNS`, of which those that are needed are given: rx, ry, rz in rad, or roll, pitch, yaw
-    in degrees.
+    in degrees. A unit may follow a name, as in ``x_mm``.
 
     Returned are also the markers of the plates that have one, by the plate's number.
 
@@ -104,27 +109,45 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
 def _rows(text: str, name: str) -> dict[str, Any]:
     lines = RowsFile(name, text.encode()).table()
     header, *rows = [[cell.strip() for cell in line] for _, line in lines if any(line)] or [[]]
-    if not set(header) & set(COLUMNS):
+    names = [plain_name(column)[0] for column in header]
+    if not set(names) & set(COLUMNS):
         raise InputError(f"columns of plates in {name}", "others", f"known: {', '.join(COLUMNS)}")
-    for column in header:
-        if column not in COLUMNS:
-            raise InputError(f"a column of plates in {name}", repr(column), among(column, COLUMNS))
+    units = {plain: _unit_of(column, plain, name) for plain, column in zip(names, header, strict=True)}
+    if len(units) < len(names):
+        twice = next(column for column in names if names.count(column) > 1)
+        raise InputError(f"every column once in {name}", f"{twice} twice", "correct the names")
     plates = []
     for number, row in enumerate(rows, 1):
         if len(row) != len(header):
             raise InputError(f"{len(header)} cells in row {number} of {name}", f"{len(row)}", "correct the row")
-        cells = {column: cell for column, cell in zip(header, row, strict=True) if cell}
+        cells = {column: cell for column, cell in zip(names, row, strict=True) if cell}
+        cells |= {column: cells[column] + units[column] for column in LENGTHS if column in cells}
         plate: dict[str, Any] = {key: cells[key] for key in ("name", "marker", "radius", "boundary") if key in cells}
         plate["translation"] = [cells.get(key, "0") for key in "xyz"]
-        for key, columns in (("rotation_vector", ("rx", "ry", "rz")), ("euler_deg", ("roll", "pitch", "yaw"))):
+        for key, (columns, unit) in ROTATIONS.items():
             if any(column in cells for column in columns):
                 try:
-                    plate[key] = [float(cells.get(column, 0)) for column in columns]
+                    angles = [float(cells.get(column, 0)) for column in columns]
                 except ValueError:
                     wanted = f"numbers for {', '.join(columns)} in row {number} of {name}"
                     raise InputError(wanted, "text", "correct it") from None
+                is_other = [(units.get(column) or unit) != unit for column in columns]
+                converted = np.degrees(angles) if unit == "deg" else np.radians(angles)
+                plate[key] = np.where(is_other, converted, angles).tolist()
         plates.append(plate)
     return {"plates": plates}
+
+
+def _unit_of(column: str, plain: str, name: str) -> str:
+    """Unit at the end of a column's name, empty without one; raises InputError if the column or its unit is unknown."""
+    unit = plain_name(column)[1]
+    if plain not in COLUMNS or (unit and plain in WORDS):
+        raise InputError(f"a column of plates in {name}", repr(column), among(plain, COLUMNS))
+    if plain in LENGTHS:
+        return unit_of([unit], f"{column} in {name}")
+    if unit and unit not in ANGLES:
+        raise InputError(f"a unit of angles in {name}", repr(column), f"known: {', '.join(ANGLES)}")
+    return unit[:3]
 
 
 def _boundary(plate: _PlateEntry, marker: Marker | None) -> Boundary:

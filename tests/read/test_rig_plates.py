@@ -71,6 +71,33 @@ def test_csv_says_the_same(folder):
     assert shape.poses.startswith("cone:")
 
 
+def test_columns_of_csv_have_units(folder):
+    (folder / "plain.csv").write_text("name,radius,x,y,z,roll,yaw\nleft,0.05,-0.2,0.1,0,30,90\n")
+    (folder / "units.csv").write_text(
+        "name,radius [mm],x_mm,y (cm),z_in,roll_rad,yaw_deg\nleft,50,-200,10,0,0.5235987755982988,90\n"
+    )
+    plain, face = (read_plates(folder / f"{name}.csv")[0].faces[0] for name in ("plain", "units"))
+    assert face.boundary == plain.boundary
+    assert face.translation == plain.translation
+    np.testing.assert_allclose(face.rotation, plain.rotation, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("name,radius,x_parsec", "a column of plates in .*'x_parsec'"),
+        ("name,radius,x [au]", r"one known unit of length at x \[au\]"),
+        ("name,radius,yaw_mm", "a unit of angles in .*; known: rad"),
+        ("name,boundary_mm,x", "a column of plates in .*'boundary_mm'; did you mean 'boundary'"),
+        ("name,radius,x,x_mm", "every column once in .*, found x twice"),
+    ],
+)
+def test_columns_of_csv_are_known_and_once(folder, header, words):
+    (folder / "plates.csv").write_text(f"{header}\n{','.join('1' * len(header.split(',')))}\n")
+    with pytest.raises(InputError, match=words):
+        read_plates(folder / "plates.csv")
+
+
 @pytest.mark.parametrize(
     ("change", "phrase"),
     [
