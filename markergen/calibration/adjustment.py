@@ -7,7 +7,7 @@ The weighted squares of the distances between measured and predicted ellipse cen
 with the exact center of what is fitted to a disk's image (`maths.conics`). Poses are eliminated view by view (Schur
 complement), so the system to be solved has 3 n + r unknowns, for n dots and r parameters of the camera. What no
 photograph tells, the marker frame and without a measured length the scale, is fixed by inner constraints: the dots, all
-together, neither shift nor turn nor grow with respect to the design, C'(X - X0) = 0. With the normal matrix N, an
+together, neither translate nor rotate nor grow with respect to the design, C'(X - X0) = 0. With the normal matrix N, an
 orthonormal basis G of the columns of C, and P = I - G G', the covariance under the constraints is, for any s > 0,
 
     Q = (P N P + s G G')^-1 - G G' / s

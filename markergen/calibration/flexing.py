@@ -128,7 +128,7 @@ def _explained(adjustment: Adjustment, unscaled: Array, moves: Array) -> tuple[A
 
 
 def _modes(design: Array, marker: NDArray[np.intp]) -> Array:
-    """Quadratic heights (n, 3) of each marker's dots less shift and tilt: orthogonal, of RMS 1, or 0."""
+    """Quadratic heights (n, 3) of each marker's dots less translation and tilt: orthogonal, of RMS 1, or 0."""
     modes = np.zeros((len(design), 3))
     for number in np.unique(marker):
         is_on_marker = marker == number

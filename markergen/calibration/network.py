@@ -363,8 +363,8 @@ class Network:
     def gauge(self, places: Array) -> Array:
         """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph shows.
 
-        Three shifts and three turns of each marker, and its scale unless measurements fix that; markers whose views
-        are bound together have one scale.
+        Three translations and three rotations of each marker, and its scale unless measurements fix that; markers whose
+        views are bound together have one scale.
         """
         columns, growths = list[Array](), list[Array]()
         for number in np.unique(self.marker):

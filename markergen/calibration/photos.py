@@ -473,7 +473,7 @@ MATCH = 0.2
 """Distance, as a share of the smallest between two dots, within which a dot that was moved is another one."""
 
 OVERLAP = 0.6
-"""Minimum share of the dots that a turn or shift takes to dots, for it to be an alternative labeling."""
+"""Minimum share of the dots that a rotation or translation takes to dots, for it to be an alternative labeling."""
 
 MOST_DOTS = 60
 """Number of dots that decide about labels; more decide no better, and take longer."""

@@ -3,9 +3,9 @@
 The adjustment of each marker in each photograph by itself leaves out that all plates in a photograph move together, and
 that cameras which take photographs at one moment stay where they are to each other. Here the poses of the body, those
 of its plates and of the cameras, the dots in their markers and the cameras' parameters are adjusted together, from
-that adjustment on, as `RigidPoses`. The dots of each marker neither shift nor turn with respect to its design, nor do
-the designed dots of all markers with respect to the designed body. Photographs give the ratios of the markers' scales
-and of the cameras' distances; without a measured length the dots of all markers together do not grow.
+that adjustment on, as `RigidPoses`. The dots of each marker neither translate nor rotate with respect to its design,
+nor do the designed dots of all markers with respect to the designed body. Photographs give the ratios of the markers'
+scales and of the cameras' distances; without a measured length the dots of all markers together do not grow.
 """
 
 from collections import defaultdict
@@ -60,7 +60,7 @@ class Relation:
         return _sigmas(self.rig.relation_covariance)
 
     def plate_rows(self) -> list[tuple[Plate, float, float, float, float]]:
-        """Each plate with its turn in degrees and shift in m from the design, and their sigmas."""
+        """Each plate with its rotation in degrees and translation in m from the design, and their sigmas."""
         assert self.rig is not None
         columns = (values.tolist() for values in (self.turned_deg, self.moved, *self.sigma))
         return list(zip(self.rig.plates, *columns, strict=True))
@@ -81,7 +81,7 @@ class Relation:
         return self.together.rigid_covariance[-size:, -size:] + np.outer(grown, grown)
 
     def camera_rows(self) -> list[tuple[str, float, Array, float, float]]:
-        """Name of each camera but the first, its turn in degrees, its translation in m, and their sigmas."""
+        """Name of each camera but the first, its rotation in degrees, its translation in m, and their sigmas."""
         (rotation, translation), sigmas = self.cameras, zip(*_sigmas(self.camera_covariance), strict=True)
         angles = np.rad2deg(angle_between(rotation, np.eye(3)))
         rows = zip(self.names, angles.tolist(), translation, sigmas, strict=True)

@@ -49,7 +49,8 @@ METHOD = [
     (
         "Marker frame",
         "Meters; x right, y up, z out of the printed face toward the viewer. Seven conditions, or six with a measured "
-        "length, fix what no photograph shows: all dots together neither shift nor turn nor grow against the design.",
+        "length, fix what no photograph shows: all dots together neither translate nor rotate nor grow against the "
+        "design.",
     ),
     ("Sigma", "Standard deviation to first order, multiplied by the root of chi2/dof where that is above 1."),
     (
@@ -356,8 +357,8 @@ def _dot_table(quantities: Quantities) -> Table:
         title,
         header,
         cells,
-        "Shift, turn and, unless a length was measured, mean size of the whole print are those of the design: "
-        "photographs cannot tell them. Seen: photographs in which the dot took part."
+        "Translation, rotation and, unless a length was measured, mean size of the whole print are those of the "
+        "design: photographs cannot tell them. Seen: photographs in which the dot took part."
         if calibration.measured
         else "Seen: photographs in which the dot took part.",
     )
@@ -545,7 +546,8 @@ def _camera_section(quantities: Quantities) -> Section | None:
                 partial(draw_uncertainty, center, camera),
                 f"uncertainty{k or ''}",
                 f"Standard deviation of the projection{of_camera(calibrated.name)} over the image, {low} to {high} px.",
-                "Standard deviation of where a point at infinity projects, less what a turn of the camera makes good.",
+                "Standard deviation of where a point at infinity projects, less what a rotation of the camera makes "
+                "good.",
                 shape,
             )
         )

@@ -78,7 +78,7 @@ class Detector:
     copies : int
         Maximum number of copies of each marker to look for in a frame.
     symmetric : str
-        ``"none"``: a marker whose layout repeats under a turn is ambiguous; ``"any"``: one of its labelings is taken,
+        ``"none"``: a marker whose layout repeats under a rotation is ambiguous; ``"any"``: one of its labelings is taken,
         the same from frame to frame, and `Found.turns` has the others.
     smallest : float
         Diameter of the smallest dots to look for, px: with larger ones, large images take less time.

@@ -76,7 +76,7 @@ def rotation_z(angles: Array | float) -> Array:
 
 
 def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Array, Array]:
-    """Rotation R and shift t that minimize the squared distances of R source + t from the target.
+    """Rotation R and translation t that minimize the squared distances of R source + t from the target.
 
     Parameters
     ----------
@@ -108,9 +108,9 @@ def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Ar
 
 
 def scaled_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Array, Array, Array]:
-    """Rotation R, scales s along x and y of the source, and shift t: target = R diag(s) source + t, least squares.
+    """Rotation R, scales s along x and y of the source, translation t: target = R diag(s) source + t, least squares.
 
-    Gauss-Newton on angle, scales and shift from the rigid motion; it is exact after a few steps for scales near 1.
+    Gauss-Newton on angle, scales and translation from the rigid motion; exact after a few steps for scales near 1.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def scaled_motion(source: Array, target: Array, mirror: bool = False) -> tuple[A
     Returns
     -------
     arrays (2, 2), (2,) and (2,)
-        Rotation, scales, shift; not finite where the points do not determine them.
+        Rotation, scales, translation; not finite where the points do not determine them.
     """
     rotation, _ = rigid_motion(source, target, mirror)
     middle, goal = source.mean(axis=0), target.mean(axis=0)

@@ -61,8 +61,8 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
 
     TOML and JSON have a table ``plates`` with ``name``; ``marker``, a marker.json beside the list, or ``radius`` or
     ``boundary``, in which one is designed, such as ``rect:0.2x0.1`` or a drawing with its ``boundary_unit``, ``layer``
-    and ``ignore_open``; ``translation`` in m or with units; and ``rotation_vector`` in rad, ``euler_deg``, turns about
-    the rig's x, then y, then z axis, or ``matrix``, row by row.
+    and ``ignore_open``; ``translation`` in m or with units; and ``rotation_vector`` in rad, ``euler_deg``,
+    rotations about the rig's x, then y, then z axis, or ``matrix``, row by row.
     In CSV the columns are `COLUMNS`, of which those that are needed are given: rx, ry, rz in rad, or roll, pitch, yaw
     in degrees. A unit may follow a name, as in ``x_mm``.
 

@@ -377,7 +377,7 @@ def _motion(plates: Sequence[Plate], placements: Sequence[Sequence[PlateInFile]]
                 pose = plate.camera_pose(*guess)
                 nearest = min(others, key=lambda candidate: _misfit(candidate, pose, tolerance), default=None)
                 distance = np.inf if nearest is None else _apart(nearest, pose)
-                # A marker's own turn is known less well than its place.
+                # A marker's own rotation is known less well than its place.
                 if nearest is not None and distance < NEARLY * 1e3 * tolerance:
                     agreed.append((j, nearest))
                     off += distance
@@ -411,7 +411,7 @@ def _frame(motion: FilePose, plates: Sequence[Plate], tolerance: float) -> str:
 
 
 def _motion_words(rotation: Array, translation: Array, tolerance: float) -> str:
-    """A rotation and a shift in mm in words: ``turned by 3 degrees about z, and 1.2 mm off (x +1.2 mm)``."""
+    """A rotation and a translation in mm in words: ``turned by 3 degrees about z, and 1.2 mm off (x +1.2 mm)``."""
     from scipy.spatial.transform import Rotation
 
     about = Rotation.from_matrix(rotation).as_rotvec()

@@ -141,9 +141,9 @@ def somewhere(kind: str, what: str, points: Array, remedy: str) -> list[Finding]
 
 
 _CAPTION = (
-    "The largest distance of a dot from its place in the design, by the best turn and shift; what was measured on a "
-    "print does not count. Along x and y: what 1 mm of the marker is in the file; at 99.9 % a ruler of 100 mm measures "
-    "99.9 mm."
+    "The largest distance of a dot from its place in the design, by the best rotation and translation; what was "
+    "measured on a print does not count. Along x and y: what 1 mm of the marker is in the file; at 99.9 % a ruler of "
+    "100 mm measures 99.9 mm."
 )
 
 _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
