@@ -16,7 +16,7 @@ from typer.core import TyperCommand
 from markergen.api.names import names_of, takes_names
 from markergen.cli import console
 from markergen.errors import InputError
-from markergen.options import VIEW, Option, declared, guess
+from markergen.options import VIEW, Option, as_list, declared, guess
 from markergen.options.kinds import KINDS, Kind
 from markergen.units import METERS
 
@@ -150,6 +150,21 @@ class GroupedCommand(TyperCommand):
                     named[option] for option in get_close_matches(error.option_name.lstrip("-"), named, cutoff=0.7)
                 ]
             raise
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; where another file stands in the place of the marker, say that the marker comes first."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            expected, problem, _ = error.args
+            names = [param.name for param in self.params if param.param_type_name == "argument"]
+            words = (str(word) for name in names[1:] for word in as_list(ctx.params[name]))
+            body = next((word for word in words if word.endswith(".json")), "")
+            place = str(ctx.params.get("marker"))
+            if names[:1] != ["marker"] or not body or place.endswith(".json") or not expected.endswith(f" {place}"):
+                raise
+            remedy = f"the marker comes first: {ctx.command_path} {body} {place}"
+            raise InputError(expected, problem, remedy) from None
 
     def get_short_help_str(self, limit: int = 45) -> str:
         """Return the first clause of the help whole; at the limit, most would end in the middle of one."""

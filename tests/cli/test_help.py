@@ -83,6 +83,30 @@ def test_names_of_other_tools_and_misspelled_ones_are_answered(arguments, messag
     assert complaint.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        ("calibrate photos m.json", "; the marker comes first: markergen calibrate m.json photos"),
+        ("calibrate photos/1.png a.png m.json", "; the marker comes first: markergen calibrate m.json photos/1.png"),
+        ("handeye photos m.json --robot r.csv", "; the marker comes first: markergen handeye m.json photos"),
+        ("verify m.svg m.json", "; the marker comes first: markergen verify m.json m.svg"),
+        ("verify m.svg m.pdf", "; give the .json that was written with it"),
+        ("design --n 3", "a homography needs four"),
+        ("validate photos", "found Is a directory; check the path"),
+    ],
+)
+def test_exchanged_arguments_are_answered_with_their_order(words, remedy, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "1.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    for name in ("m.svg", "m.pdf", "m.json", "a.png"):
+        (tmp_path / name).write_text("<svg/>")
+    assert main(words.split()) == 2
+    complaint = capsys.readouterr().err
+    assert remedy in complaint
+    assert complaint.count("\n") == 1
+
+
 def test_answers_name_options_that_exist():
     options = [command.params for command in get_command(app).commands.values()]
     flags = {flag for params in options for param in params for flag in param.opts}
