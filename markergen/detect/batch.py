@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import overlay as drawn_over
-from markergen.detect.results import Found
+from markergen.detect.results import Found, lines_of
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import Progress, as_list, signature_of
@@ -59,10 +59,10 @@ class Outcome:
         return replace(self, image=None)
 
     def lines(self) -> list[str]:
-        """Return one line for the image and each marker in it, then the notes of the image reader."""
+        """Return the lines of the markers, each with the image, then the notes of the image reader."""
         if self.error:
             return [f"{self.path}: not used: {self.error}"]
-        return [*(f"{self.path}: {marker}" for marker in self.markers), *(f"  {note}" for note in self.notes)]
+        return [*(f"{self.path}: {line}" for line in lines_of(self.markers)), *(f"  {note}" for note in self.notes)]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the outcome as plain JSON values (docs/detect.md)."""

@@ -1,6 +1,7 @@
 """What detection returns: labeled dots with their pose, or the reason why there are none."""
 # tests: tests/detect/test_detection.py tests/detect/test_detector.py
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -360,6 +361,14 @@ class Found:
                 ["1 sigma", _sigma(self.pose)],
             ]
         return Table("", ["marker", self.name], rows).html()
+
+
+def lines_of(results: Sequence[Found]) -> list[str]:
+    """Return a line for each result; one with the names of several markers that were not found, where another was."""
+    unseen = [result.name for result in results if not result.ok]
+    if len(unseen) < 2 or len(unseen) == len(results):
+        return list(map(str, results))
+    return [*(str(result) for result in results if result.ok), f"not found: {', '.join(unseen)}"]
 
 
 _UNREAD = {

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from markergen.detect.batch import json_paths, paths_among, silent
 from markergen.detect.detector import Detector, check_deadline
 from markergen.detect.presentation import Window, has_display
-from markergen.detect.results import Found
+from markergen.detect.results import Found, lines_of
 from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations, parse_readout
 from markergen.errors import InputError, OutputError, enumerated
 from markergen.files import check_outputs, put_in_place, temporary_beside
@@ -245,7 +245,7 @@ class Look:
     def __str__(self) -> str:
         return (
             f"{self.frame.time:.2f} s, {self.watched.rate:.3g} frames per second, {self.watched.dropped} dropped; "
-            + "; ".join(map(str, self.found))
+            + "; ".join(lines_of(self.found))
         )
 
 

@@ -7,7 +7,8 @@ import pytest
 from sentences import sentence
 
 from markergen.detect import Detector, detect
-from markergen.maths.rotation import angle_between, rotation_z
+from markergen.detect.results import lines_of
+from markergen.maths.rotation import angle_between, turn_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import build_marker
@@ -140,3 +141,14 @@ def test_a_search_without_time_says_that_it_was_cut(irregular):
     assert not ended.ok
     assert cut.reason.endswith(sentence("cut"))
     assert sentence("cut") not in ended.reason
+
+
+def test_markers_that_were_not_found_share_a_line_beside_one_that_was(tagged):
+    family = [replace(tagged, tag=replace(tagged.tag, id=number)) for number in (5, 6, 7)]
+    names = ["family-5.json", "family-6.json", "family-7.json"]
+    results = [replace(result, names=names) for result in Detector(family, PAPER_CAMERA)(view(family[2]))]
+    seen, unseen = lines_of(results)
+    assert seen.startswith("family-7.json, 5 of 5 dots")
+    assert unseen == "not found: family-5.json, family-6.json"
+    assert lines_of(results[:2]) == [str(result) for result in results[:2]]
+    assert lines_of(results[1:]) == [str(result) for result in results[1:]]
