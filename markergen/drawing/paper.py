@@ -176,8 +176,9 @@ class SheetOptions:
     compensate : bool
         True to draw a marker that was measured on a print (`print_scale`) so that the same printer prints it true.
     colors : Colors
-    record : str
-        File name of the marker, which the commands on a sheet give.
+    records : tuple of str
+        File names of the markers in their order, which commands on their sheets give; one alone is that of all, as of a
+        rig's; `MARKER_FILE` without any.
 
     Raises
     ------
@@ -192,7 +193,7 @@ class SheetOptions:
     overlap: float = 0.010
     compensate: bool = False
     colors: Colors = BLACK_ON_WHITE
-    record: str = MARKER_FILE
+    records: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.orientation not in ("", "portrait", "landscape"):

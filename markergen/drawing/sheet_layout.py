@@ -75,7 +75,12 @@ def pages_for(
         marker does not fit on it and may not be tiled.
     """
     labels = beside or [()] * len(markers)
-    figures = [replace(_figure(marker, options), beside=shapes) for marker, shapes in zip(markers, labels, strict=True)]
+    records = options.records or (MARKER_FILE,)
+    records = records * len(markers) if len(records) == 1 else records
+    figures = [
+        replace(_figure(marker, options, record), beside=shapes)
+        for marker, shapes, record in zip(markers, labels, records, strict=True)
+    ]
     if len(figures) == 1:
         return _pages(figures, [_place(figures[0], options, options.candidates())], options)
     candidates = options.candidates(ISO[ISO.index(USUAL) :])
@@ -210,12 +215,12 @@ class _Reach:
         return max(0.0, *(quiet - outline for quiet, outline in zip(self.quiet, self.outline, strict=True)))
 
 
-def _figure(marker: Marker, options: SheetOptions) -> Figure:
+def _figure(marker: Marker, options: SheetOptions, record: str = MARKER_FILE) -> Figure:
     """Figure to draw: the marker as designed, regardless of measurements on a print; larger if the printer shrinks."""
     sx, sy = marker.print_scale
     design = marker.as_designed
     # What was measured is not measured again: the file that was designed is.
-    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), options.record if design is marker else MARKER_FILE)
+    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), record if design is marker else MARKER_FILE)
     if not options.compensate:
         return figure
     if sx == sy == 1:

@@ -54,8 +54,8 @@ class ExportOptions:
         check_dpi(self.dpi)
 
     def beside(self, records: Sequence[str]) -> "ExportOptions":
-        """Options of sheets whose commands name the first of these files of a marker, if there is one."""
-        return replace(self, sheet=replace(self.sheet, record=records[0])) if records else self
+        """Options of sheets whose commands name these files of the bodies, in their order; unchanged without any."""
+        return replace(self, sheet=replace(self.sheet, records=tuple(records))) if records else self
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def outputs_of(
     bodies = (bodies,) if isinstance(bodies, Body) else bodies
     frame = frame_of(bodies)
     check_exports(paths, choices, frame=frame)
-    choices = choices.beside([path.name for path in paths if suffix_of(path, frame) == RECORD])
+    choices = choices.beside([path.name for path in paths if suffix_of(path, frame) == RECORD][:1])
     exporters = {path: exporter_of(suffix_of(path, frame), frame) for path in paths}
     for path, exporter in exporters.items():
         suffix = suffix_of(path, frame)
@@ -210,7 +210,7 @@ def save_family(
     if len(ids) < len(markers):
         raise InputError("markers with tags", "one without", "design them with --tag")
     sheets = [path for path in paths if _is_sheet(path)]
-    records = [_own(path, ids[0]).name for path in paths if suffix_of(path) == RECORD]
+    records = [_own(path, number).name for path in paths if suffix_of(path) == RECORD for number in ids][: len(ids)]
     made = outputs_of(markers, sheets, options.beside(records)) if sheets else {}
     for marker, number in zip(markers, ids, strict=True):
         made |= outputs_of(marker, [_own(path, number) for path in paths if not _is_sheet(path)], options)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sentences import sentence
 
+import markergen as mg
 from markergen.comparison.fiducials import FiducialSettings, find_tags
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
@@ -86,6 +87,25 @@ def test_a_family_is_one_sheet_and_a_file_for_each(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert [read_marker(tmp_path / name).tag.id for name in names[2:]] == [0, 1, 2]
     assert sorted(family_paths(paths, [0, 1, 2])) == sorted(path for path, _ in written)
+
+
+def test_each_page_names_the_file_of_its_first_member(tmp_path, monkeypatch):
+    from markergen.drawing import print_measurements
+
+    names = []
+    draw = print_measurements.draw_remedy
+    monkeypatch.setattr(
+        print_measurements,
+        "draw_remedy",
+        lambda frame, lengths, record, *a: names.append(record) or draw(frame, lengths, record, *a),
+    )
+    markers = family(5)
+    save_family(markers, [tmp_path / "some.pdf", tmp_path / "some.json"], ExportOptions())
+    assert names == ["some-0.json", "some-2.json", "some-4.json"]
+    names.clear()
+    files = [tmp_path / f"some-{k}.json" for k in (3, 1, 4)]
+    mg.export([*files[:2], markers[2], files[2]], tmp_path / "others.pdf")
+    assert names == ["some-3.json", "marker.json"]
 
 
 @pytest.mark.parametrize(
