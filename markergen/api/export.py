@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from markergen.api.arguments import files_among, paths_of
 from markergen.drawing.colors import INVERTED, parse_colors
-from markergen.drawing.paper import MARKER_FILE, SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError
 from markergen.exporters import Exporter, ExportOptions, exporter_of, suffix_of
 from markergen.exporters.saving import check_exports, frame_of, save
@@ -98,7 +98,7 @@ def export(
     markers = [plate.marker for body in bodies for plate in body.plates]
     if "colors" not in asked and all(marker.light for marker in markers):
         choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
-    choices = choices.beside([next((path.name for path in files_among(source)), MARKER_FILE) for source in sources])
+    choices = choices.beside([next((path.name for path in files_among(source)), "") for source in sources])
     written = save(bodies, outputs, choices, inputs)
     for warning in _warnings(markers, [exporter_of(suffix_of(path, frame), frame) for path in outputs], choices):
         log.warning("%s", warning)

@@ -178,7 +178,7 @@ class SheetOptions:
     colors : Colors
     records : tuple of str
         File names of the markers in their order, which commands on their sheets give; one alone is that of all, as of a
-        rig's; `MARKER_FILE` without any.
+        rig's; `MARKER_FILE` without any, and where one is empty.
 
     Raises
     ------

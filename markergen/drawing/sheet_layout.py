@@ -75,7 +75,7 @@ def pages_for(
         marker does not fit on it and may not be tiled.
     """
     labels = beside or [()] * len(markers)
-    records = options.records or (MARKER_FILE,)
+    records = options.records or ("",)
     records = records * len(markers) if len(records) == 1 else records
     figures = [
         replace(_figure(marker, options, record), beside=shapes)
@@ -215,12 +215,12 @@ class _Reach:
         return max(0.0, *(quiet - outline for quiet, outline in zip(self.quiet, self.outline, strict=True)))
 
 
-def _figure(marker: Marker, options: SheetOptions, record: str = MARKER_FILE) -> Figure:
+def _figure(marker: Marker, options: SheetOptions, record: str = "") -> Figure:
     """Figure to draw: the marker as designed, regardless of measurements on a print; larger if the printer shrinks."""
     sx, sy = marker.print_scale
     design = marker.as_designed
     # What was measured is not measured again: the file that was designed is.
-    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), record if design is marker else MARKER_FILE)
+    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), (design is marker and record) or MARKER_FILE)
     if not options.compensate:
         return figure
     if sx == sy == 1:

@@ -19,6 +19,7 @@ In third-angle projection, on American paper, opposite views change places.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from shlex import quote
 from typing import Literal
 
 import numpy as np
@@ -26,7 +27,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.drawing.paper import Frame, SheetOptions
 from markergen.drawing.scene import GRAY, Box, Line, Point, Shape, closed_line
-from markergen.drawing.text import text_width
+from markergen.drawing.text import text_width, written
 from markergen.geometry.contour import flattened
 from markergen.geometry.outlines import polygon
 from markergen.model.body import Plate
@@ -97,7 +98,7 @@ EXACT = "Places and directions in the table of faces are theoretically exact."
 DATUMS = "R, S and T are the datums of the whole, A, B and C those of each face on its own sheet."
 MOUNT = (
     "The plates are made one by one and mounted so that they are at these places. Measure the relation of the mounted "
-    "plates with: markergen calibrate rig.json photos/"
+    "plates by photographs, with {}."
 )
 ONE = "The body is one piece; what its sheets call the plate is the body under that face."
 STEP = "The exact geometry is in the STEP file of the same name; take no sizes from the drawing."
@@ -155,8 +156,11 @@ class RigWork:
     notes: tuple[str, ...]
 
 
-def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
-    """Describe a rig as designed, and its parts from `parts_of_rig`, for the sheets of the whole."""
+def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody, record: str = "") -> RigWork:
+    """Describe a rig as designed, and its parts from `parts_of_rig`, for the sheets of the whole.
+
+    The command with which it is measured names its file, the `record`, if there is one that the font can write.
+    """
     accuracy, sides = made.made[0].accuracy, _sides(made)
     datums = _datums(sides)
     main = _main_view(rig)
@@ -169,6 +173,8 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
     count = len(rig.markers)
     what = "one body" if made.block else f"{count} plates"
     lines = dict.fromkeys(line for plate in made.made for line in plate.lines)
+    is_named = record and written(record) == record
+    mount = MOUNT.format(f"markergen calibrate {quote(record)} photos/" if is_named else "markergen calibrate")
     return RigWork(
         block=title_block(
             rig_name(rig), f"Fiducial markers on {what}, {count} faces, {len(rig)} dots", fabrication, accuracy
@@ -177,7 +183,7 @@ def rig_work(rig: Rig, fabrication: Fabrication, made: MadeBody) -> RigWork:
         picture=_picture(main, rig, made),
         sizes=(sizes[0], sizes[1], sizes[2]),
         tables=(_face_table(rig), *_relation_tables(rig, made, sides, datums, accuracy)),
-        notes=(FRAME, EXACT, *((DATUMS, ONE, *lines) if made.block else (MOUNT,)), STEP),
+        notes=(FRAME, EXACT, *((DATUMS, ONE, *lines) if made.block else (mount,)), STEP),
     )
 
 

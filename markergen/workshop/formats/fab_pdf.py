@@ -65,7 +65,7 @@ def export_fab_pdf(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Ou
 def _of_rig(rig: Rig, made: MadeBody, options: ExportOptions) -> tuple[bytes, tuple[str, ...]]:
     works = face_works(rig, options.fabrication, made)
     # Faces of one body have most in common; plates are made one by one.
-    whole = rig_work(rig, options.fabrication, made)
+    whole = rig_work(rig, options.fabrication, made, *options.sheet.records[:1])
     faces = in_common(works, whole.notes) if made.block else None
     parts = [sheets_of_rig(whole, faces, options.sheet)]
     parts += [sheets_of(work, options.sheet, not faces) for work in works]

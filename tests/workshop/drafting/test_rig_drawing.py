@@ -4,6 +4,7 @@ import numpy as np
 import pypdfium2
 import pytest
 
+import markergen as mg
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import Line, bounds
 from markergen.exporters import EXPORTERS, ExportOptions
@@ -12,6 +13,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
 from markergen.workshop.drafting.rig_drawing import face_works, rig_page, rig_work
+from markergen.workshop.formats import fab_pdf
 from tests.support.rigs import cube, mounted, plate, wall
 from tests.workshop.test_assembly import prism
 
@@ -106,6 +108,25 @@ def test_a_wall_has_no_tolerances_of_its_own():
     assert len(work.tables) == 1
     assert any("calibrate" in note for note in work.notes)
     assert work.sizes == ("(214)", "(84)", "(3)")
+
+
+def test_the_command_that_measures_plates_names_the_file_of_the_rig():
+    rig = wall(columns=2, rows=1)
+    made, commands = made_of(rig, FDM), []
+    for record in ("", "my wall.json", "\u677f.json"):
+        (note,) = (note for note in rig_work(rig, FDM, made, record).notes if "calibrate" in note)
+        commands.append(note.rpartition(" with ")[2])
+    assert commands == ["markergen calibrate.", "markergen calibrate 'my wall.json' photos/.", "markergen calibrate."]
+
+
+def test_exports_of_a_rig_name_its_file(tmp_path, monkeypatch):
+    records = []
+    monkeypatch.setattr(fab_pdf, "rig_work", lambda *args: records.append(args[3:]) or rig_work(*args))
+    rig = wall(columns=2, rows=1)
+    rig.save(tmp_path / "panel.json", tmp_path / "first.fab.pdf")
+    mg.export(tmp_path / "panel.json", tmp_path / "second.fab.pdf")
+    rig.save(tmp_path / "third.fab.pdf")
+    assert records == [("panel.json",), ("panel.json",), ("",)]
 
 
 @pytest.mark.parametrize("make", [cube, prism, wall])
