@@ -204,6 +204,11 @@ class SheetOptions:
             if value is not None and not 0 <= value < float("inf"):
                 raise InputError(f"{article} {name} from 0", f"{name}={value}", "give a length such as 10mm")
 
+    def records_of(self, count: int) -> tuple[str, ...]:
+        """File names of a number of markers."""
+        records = self.records or ("",)
+        return records * count if len(records) == 1 else records
+
     def frame(self, paper: Paper) -> Frame:
         """Frame of a page of the given paper; raises as `Frame` does."""
         return Frame(paper, None if self.margin is None else round(self.margin * 1e3, 9))

@@ -75,12 +75,8 @@ def pages_for(
         marker does not fit on it and may not be tiled.
     """
     labels = beside or [()] * len(markers)
-    records = options.records or ("",)
-    records = records * len(markers) if len(records) == 1 else records
-    figures = [
-        replace(_figure(marker, options, record), beside=shapes)
-        for marker, shapes, record in zip(markers, labels, records, strict=True)
-    ]
+    rows = zip(markers, labels, options.records_of(len(markers)), strict=True)
+    figures = [_figure(marker, options, shapes, record) for marker, shapes, record in rows]
     if len(figures) == 1:
         return _pages(figures, [_place(figures[0], options, options.candidates())], options)
     candidates = options.candidates(ISO[ISO.index(USUAL) :])
@@ -215,12 +211,12 @@ class _Reach:
         return max(0.0, *(quiet - outline for quiet, outline in zip(self.quiet, self.outline, strict=True)))
 
 
-def _figure(marker: Marker, options: SheetOptions, record: str = "") -> Figure:
+def _figure(marker: Marker, options: SheetOptions, beside: tuple[Shape, ...] = (), record: str = "") -> Figure:
     """Figure to draw: the marker as designed, regardless of measurements on a print; larger if the printer shrinks."""
     sx, sy = marker.print_scale
     design = marker.as_designed
     # What was measured is not measured again: the file that was designed is.
-    figure = Figure(design, (1.0, 1.0), options.colors.ink, (), (design is marker and record) or MARKER_FILE)
+    figure = Figure(design, (1.0, 1.0), options.colors.ink, beside, (design is marker and record) or MARKER_FILE)
     if not options.compensate:
         return figure
     if sx == sy == 1:
