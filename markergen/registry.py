@@ -16,9 +16,10 @@ import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
+from traceback import format_exception
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args, get_origin
 
-from markergen.errors import InputError, among
+from markergen.errors import InputError, among, enumerated
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -280,6 +281,49 @@ def receive(luggage: Luggage) -> None:
     """
     _RECEIVED.clear()
     _RECEIVED.update(luggage)
+
+
+def unforeseen(error: BaseException, remedy: str) -> str:
+    """Return the sentence about an error that nothing expects: the plug-in it was raised in, its author, and a remedy.
+
+    >>> unforeseen(ZeroDivisionError("division by zero"), "report it")
+    'this should not happen: ZeroDivisionError: division by zero; report it'
+    """
+    entry, source = plug_in_of(error)
+    subject, author = (f"{entry} failed", f" to the author of {source}") if entry else ("this should not happen", "")
+    return f"{subject}: {type(error).__name__}: {error}; {remedy}{author}"
+
+
+def plug_in_of(error: BaseException) -> tuple[str, str]:
+    """Return which entry of another package an error was raised in, and its object and package; empty if in none.
+
+    Entries whose code is in the same file are told apart by nothing, and all of them are returned.
+    """
+    # Includes the traceback of a worker process, which its error has as a note.
+    text = "".join(format_exception(error))
+    plug_ins: dict[int, list[tuple[str, str]]] = {}
+    for table in _TABLES.values():
+        for name in table._outside:
+            for point in table._installed().get(name, ()):
+                place = max(text.rfind(f'File "{file}"') for file in _files(point, table._entries[name]))
+                if place >= 0 and not (point.dist and point.dist.name == "markergen"):
+                    plug_ins.setdefault(place, []).append((f"the {table.kind} {name!r}", _words(point)))
+    if not plug_ins:
+        return "", ""
+    entries, sources = zip(*plug_ins[max(plug_ins)], strict=True)
+    return enumerated(entries), enumerated(sources)
+
+
+def _files(point: "EntryPoint", entry: object) -> set[str]:
+    """Files of the entry point's package that have the parts of its entry."""
+    values = (entry, type(entry), *getattr(entry, "__dict__", {}).values())
+    modules = {point.module, *(str(getattr(value, "__module__", "")) for value in values)}
+    package = point.module.partition(".")[0]
+    return {
+        str(getattr(sys.modules.get(module), "__file__", ""))
+        for module in modules
+        if module.partition(".")[0] == package
+    }
 
 
 def _caller() -> str:

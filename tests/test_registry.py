@@ -2,13 +2,14 @@ import importlib
 import logging
 import pickle
 import sys
+from traceback import format_exception
 
 import pytest
 from installed import describe
 
 import markergen.registry
 from markergen.errors import InputError
-from markergen.registry import Registry, outside, receive
+from markergen.registry import Registry, outside, receive, unforeseen
 from markergen.studies.engines import ENGINES
 
 GROUP = "markergen.numbers"
@@ -109,6 +110,33 @@ def test_whoever_asks_for_one_is_told_why(plugged, name, phrase):
             plugged[name]
         assert phrase in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_an_error_in_a_plug_in_names_it_and_its_author(plugged, tmp_path):
+    (tmp_path / "calling_numbers.py").write_text(
+        "import pickle\nclass Eight(int):\n    def broken(self):\n        return pickle.loads(b'')\neight = Eight(8)\n"
+    )
+    describe(tmp_path, "calling-numbers", {GROUP: {"eight": "calling_numbers:eight"}})
+    markergen.registry._installed.cache_clear()
+    importlib.invalidate_caches()
+    assert plugged["two"] == 2
+    with pytest.raises(EOFError) as caught:
+        plugged["eight"].broken()
+    sentence = (
+        "the number 'eight' failed: EOFError: Ran out of input; report it to the author of calling_numbers:eight "
+    )
+    assert unforeseen(caught.value, "report it") == f"{sentence}of the package calling-numbers"
+    # A worker's error has its traceback as a note.
+    worker_error = EOFError("Ran out of input")
+    worker_error.add_note("".join(format_exception(caught.value)))
+    assert unforeseen(worker_error, "report it").startswith(sentence)
+    assert unforeseen(EOFError("here"), "report it") == "this should not happen: EOFError: here; report it"
+    describe(tmp_path, "more-numbers", {GROUP: {"nine": "calling_numbers:eight"}})
+    markergen.registry._installed.cache_clear()
+    importlib.invalidate_caches()
+    assert plugged["nine"] == 8
+    assert unforeseen(caught.value, "report it").startswith("the number 'eight' or the number 'nine' failed: EOFError")
+    sys.modules.pop("calling_numbers")
 
 
 def test_an_unknown_name_hears_of_those_of_packages_that_work(plugged):

@@ -165,12 +165,13 @@ def _run(arguments: list[str], whole_help: bool) -> int:
 
 def _explain(error: Exception) -> str:
     from markergen.errors import MarkergenError
+    from markergen.registry import plug_in_of, unforeseen
 
     if isinstance(error, MarkergenError):
         return str(error)
-    if isinstance(error, OSError):
+    if isinstance(error, OSError) and not any(plug_in_of(error)):
         return f"expected to read and write, found: {error}; free some space or choose another place"
-    return f"this should not happen: {type(error).__name__}: {error}; run again with --debug and report it"
+    return unforeseen(error, "run again with --debug and report it")
 
 
 def _complain(message: str) -> None:

@@ -36,6 +36,7 @@ from markergen.model.boundary import Circle
 from markergen.optimize.design import Design
 from markergen.pool import Worker
 from markergen.presentation.results import plain as as_json
+from markergen.registry import unforeseen
 from markergen.studio.look import look, more
 from markergen.studio.opening import opened_file
 from markergen.studio.photographs import calibrated, detected
@@ -220,7 +221,7 @@ def failure(error: Exception) -> dict[str, str]:
     if isinstance(error, MarkergenError):
         return {"expected": "", "found": "", "remedy": "", "line": str(error)}
     log.error("in the studio", exc_info=error)
-    line = f"this should not happen: {type(error).__name__}: {error}; report it with what the terminal shows"
+    line = unforeseen(error, "report it with what the terminal shows")
     return {"expected": "", "found": "", "remedy": "", "line": " ".join(line.split())}
 
 
