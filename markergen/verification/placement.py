@@ -25,6 +25,7 @@ from markergen.verification.result import (
     NO_PLATE,
     REMOVE,
     SHEET,
+    THROUGH_PLANE,
     Check,
     Finding,
     nearest_mistake,
@@ -129,7 +130,8 @@ def rotation_up(direction: Array) -> Array:
 
 
 def stretched(solid: Solid, wanted: WantedSolid, tol: float) -> Iterator[Placement]:
-    """The solid if its heights are scaled, or its layers shifted against each other: it is then sheared."""
+    """The solid if its heights are mirrored or scaled, or its layers shifted against each other: it is then sheared."""
+    yield Placement(Finding("mirrored", THROUGH_PLANE, MIRRORED), solid.mapped(np.diag([1.0, 1.0, -1.0])))
     (low, high), (wanted_low, wanted_high) = solid.shell.heights, wanted.shell.heights
     by = (high - low) / (wanted_high - wanted_low)
     if by > 0 and abs(by - 1) * (wanted_high - wanted_low) > tol:

@@ -29,7 +29,7 @@ from markergen.model.json_text import parsed
 from markergen.model.marker import Marker
 from markergen.read.poses.rows import RowsFile
 from markergen.verification.reading import READERS, Settings
-from markergen.verification.result import MOST_LISTED, Check, Finding, nearest_mistake, scale_finding
+from markergen.verification.result import MOST_LISTED, THROUGH_PLANE, Check, Finding, nearest_mistake, scale_finding
 from markergen.verification.solid_files import read_solid
 
 LISTED = 1e-6
@@ -374,8 +374,9 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
     findings += [
         Finding("twice", f"{path} is there twice", "leave one of both") for path in dict.fromkeys(_tops(tree.doubled))
     ]
-    largest, worst, ratios, wrong = 0.0, None, list[float](), list[Finding]()
-    missing: list[str] = []
+    largest, worst, ratios = 0.0, None, list[float]()
+    axis, mirrored = _mirrored(tree.leaves, wanted.leaves, tolerance)
+    wrong, missing = [Finding("mirrored", OPPOSITE[axis], "export it again")] if axis else [], list[str]()
     for path, values in wanted.leaves.items():
         key = _key(path)
         if _is_harmless(path):
@@ -396,7 +397,7 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
         if key in LENGTHS and name_of_dot and away is not None and away >= largest:
             largest, worst = away, name_of_dot[1]
         # Negated, so that nan fails too.
-        if away is None or not away <= allowed:
+        if (away is None or not away <= allowed) and path not in mirrored:
             wrong.append(Finding(_kind(path, key), f"{path} is {_text(here)}, not {_text(values)}", "export it again"))
         if key in LENGTHS and away is not None:
             pairs = [(_number(a), _number(b)) for a, b in zip(here, values, strict=True)]
@@ -438,6 +439,36 @@ def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, to
         "", kind, largest=max(largest, off) if good or worst else np.nan, worst=worst,
         scale=(ratio, ratio) if even else (np.nan, np.nan), findings=tuple(findings), notes=tuple(notes),
     )  # fmt: skip
+
+
+OPPOSITE = {
+    "x": "mirrored: x of every dot has the opposite sign",
+    "y": "mirrored: y of every dot has the opposite sign",
+    "z": THROUGH_PLANE,
+}
+"""What is wrong where all dots have the opposite sign along an axis."""
+
+
+def _mirrored(leaves: Leaves, wanted: Leaves, tolerance: float) -> tuple[str, set[str]]:
+    """Axis along which all dots, right otherwise, have the opposite sign, and the paths of their places; else empty."""
+    places: dict[str, list[tuple[float, float]]] = {axis: [] for axis in OPPOSITE}
+    paths = set[str]()
+    for path, values in wanted.items():
+        match = (
+            re.fullmatch(r"([xyz])(?:_m)?|xyz|object_points|pos", _key(path)) if re.search(r"\bdots?\b", path) else None
+        )
+        if match and path in leaves:
+            paths.add(path)
+            for axis, value, right in zip(match[1] or "xyz", leaves[path], values, strict=False):
+                numbers = _number(value), _number(right)
+                places[axis].append((np.nan if numbers[0] is None else numbers[0], numbers[1] or 0.0))
+    opposite = []
+    for axis, pairs in places.items():
+        have, want = np.array(pairs).reshape(-1, 2).T
+        if (np.abs(have - want) <= tolerance).all():
+            continue
+        opposite.append(axis if (np.abs(have + want) <= tolerance).all() else "")
+    return (opposite[0], paths) if len(opposite) == 1 and opposite[0] else ("", set())
 
 
 def _key(path: str) -> str:

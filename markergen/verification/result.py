@@ -87,6 +87,8 @@ class Finding:
         return replace(self, sentence=f"{subject}: {self.sentence}")
 
 
+THROUGH_PLANE = "mirrored through its plane: all heights have the opposite sign"
+
 REMOVE = "remove what is not the marker's, or export it again"
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"

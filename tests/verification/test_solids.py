@@ -231,6 +231,21 @@ def test_a_mirrored_mesh_is_named(variants, files, tmp_path, made, suffix):
     assert finding == Finding("mirrored", "mirrored", "export it again, and save it without mirroring it")
 
 
+@pytest.mark.parametrize(("name", "suffix"), in_turn(["full", "plain"], [".stl", ".3mf", ".glb"]))
+def test_a_mesh_that_is_mirrored_through_its_plane_is_named(variants, files, tmp_path, name, suffix):
+    path = tmp_path / f"mirrored{suffix}"
+    data = files(name, "fdm", suffix).read_bytes()
+    if suffix == ".stl":
+        path.write_bytes(stl(triangles(data)[:, ::-1] * [1, 1, -1]))
+    else:
+        path.write_bytes(resized(data, suffix, 1.0, 1.0, -1.0))
+    [finding] = verify(
+        variants(name, "fdm"), path, Settings(fabrication=plain(FABRICATIONS["fdm"]).fabrication)
+    ).findings
+    sentence = "mirrored through its plane: all heights have the opposite sign"
+    assert finding == Finding("mirrored", sentence, "export it again, and save it without mirroring it")
+
+
 @EXACT_AND_MESH
 def test_a_small_solid_was_not_fitted_to_paper(variants, files, tmp_path, suffix):
     path = tmp_path / f"small{suffix}"
