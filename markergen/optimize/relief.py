@@ -20,6 +20,7 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.search import KEPT, Optimum, distinct_best
 from markergen.optimize.trace import Record
 from markergen.options import Progress
+from markergen.units import NEGLIGIBLE
 
 Index = NDArray[np.int64]
 
@@ -56,6 +57,13 @@ BLOCK = 20
 
 GAIN, STALE = 1e-5, 2
 """Relative gain, and number of successive rounds that do not exceed it, after which the polish ends."""
+
+LEAST, LEAST_SHARE = 2e-4, 0.1
+"""Minimum height in m of a pillar, a layer of a 3-D print; at most this share of the relief.
+
+Lines of sight raise low dots by 8 to 35 um, which no process makes. With eight dots and a relief of 10 mm, laying
+four of 35 um on the plate costs 1.2e-5 of the objective; a dot of 0.59 mm beside pillars of 20 mm is of use and stays.
+"""
 
 RESTED = 1e-6
 """Movement in radii below which a layout without occlusion has converged."""
@@ -115,6 +123,14 @@ class ReliefRoom:
             ceiling = self._ceiling(np.append(plane[low], heights[low]), plane[waiting])
             heights[waiting] = np.minimum(heights[waiting], ceiling)
         return np.column_stack([plane, heights])
+
+    def without_low_pillars(self, points: Array) -> Array:
+        """Lay dots of a feasible layout (n, 3) that are lower than `LEAST` on the plate, and make it feasible again."""
+        least = min(LEAST, LEAST_SHARE * self.height) if self.wall_radius else 0.0
+        # What is negligible is rounded in the marker's file.
+        while (is_low := (points[:, 2] >= NEGLIGIBLE) & (points[:, 2] < least)).any():
+            points = self.within(np.column_stack([points[:, :2], np.where(is_low, 0.0, points[:, 2])]))
+        return points
 
     def _ceiling(self, dot: Array, plane: Array) -> Array:
         """Maximum heights (m,) in m of pillars at (m, 2) that hide nothing of a lower dot (3,).
@@ -291,6 +307,11 @@ def search_relief(
             end = polish_relief(objective, room, points, *much, record=record)
         except Ended:
             end = points, float(objective(points[None])[0]) if room.holds(points) else np.inf
+        made = room.without_low_pillars(end[0])
+        if made is not end[0] and np.isfinite(end[1]):
+            if record:
+                record("relief", end[0][None], made[None])
+            end = made, float(objective(made[None])[0])
         best = min(best, end, key=lambda pair: pair[1])
     if progress:
         progress("polish", len(kept), len(kept))

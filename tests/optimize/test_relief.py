@@ -127,6 +127,26 @@ def test_layouts_are_lowered_until_all_is_in_sight(room, seed):
     np.testing.assert_allclose(within[:, :2], points[:, :2])
 
 
+def test_dots_that_no_process_raises_are_laid_on_the_plate(room, setting, monkeypatch):
+    points = room.within(some_layout(room, seed=2))
+    points[:2, 2] = 3.5e-5, 2e-4
+    points = room.within(points)
+    assert sorted(np.flatnonzero(points[:, 2] < 5e-4)) == [0, 1]
+    made = room.without_low_pillars(points)
+    assert made[:2, 2].tolist() == [0, 2e-4]
+    assert room.holds(made)
+    np.testing.assert_allclose(made, points, atol=1e-4)
+    assert room.without_low_pillars(made) is made
+    # A tenth of a low relief is a pillar, and bare points need none.
+    low = replace(room, height=3e-4)
+    np.testing.assert_array_equal(low.without_low_pillars(points * [1, 1, 0.001])[0], [*points[0, :2], 0])
+    objective = OBJECTIVES["pose"](setting)
+    monkeypatch.setattr(relief, "polish_relief", lambda *_, **__: (points, 0.0))
+    found = search_relief(objective, room, points[:, :2], np.random.default_rng(0), 1)
+    np.testing.assert_array_equal(found.points, made)
+    assert found.value == pytest.approx(objective(made[None])[0])
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_gaps_have_the_gradient_of_differences(room, seed):
     points = some_layout(room, seed=seed)
