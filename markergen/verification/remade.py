@@ -23,14 +23,21 @@ from markergen.exporters import EXPORTERS, ExportOptions, Output
 from markergen.guard import Content, check_size, text_of
 from markergen.guard import read as read_content
 from markergen.model.body import Body
-from markergen.model.body_json import body_to_json, from_content
 from markergen.model.fabrication import Fabrication
 from markergen.model.json_text import parsed
-from markergen.model.marker import Marker
 from markergen.read.poses.rows import RowsFile
 from markergen.verification.reading import READERS, Settings
-from markergen.verification.result import MOST_LISTED, THROUGH_PLANE, Check, Finding, nearest_mistake, scale_finding
+from markergen.verification.result import (
+    MOST_LISTED,
+    THROUGH_PLANE,
+    Check,
+    Finding,
+    nearest_mistake,
+    other_plate,
+    scale_finding,
+)
 from markergen.verification.solid_files import read_solid
+from markergen.verification.wanted_solids import on_plate
 
 LISTED = 1e-6
 """Default tolerance of lengths in m: nothing rounds them."""
@@ -342,18 +349,7 @@ def _recorded(text: str, body: Body, name: str) -> tuple[Fabrication, Body]:
         fabrication = Fabrication(**record)
     except (ValueError, TypeError, AttributeError, KeyError):
         raise InputError(f"options of an export in {name}", brief(text), "export it again") from None
-    return fabrication, body if plate is None else _on_plate(body, plate, name)
-
-
-def _on_plate(body: Body, plate: object, name: str) -> Body:
-    """The body with another substrate, as marker.json has it."""
-
-    def marker_on(marker: Marker) -> Marker:
-        if marker.substrate.as_dict() == plate:
-            return marker
-        return from_content({**json.loads(body_to_json(marker)), "substrate": plate}, name)
-
-    return body.with_markers(marker_on)
+    return fabrication, body if plate is None else on_plate(body, plate, name)
 
 
 def _of_another_plate(body: Body, made: Body) -> tuple[list[Finding], list[str]]:
@@ -363,9 +359,7 @@ def _of_another_plate(body: Body, made: Body) -> tuple[list[Finding], list[str]]
     thick, usual = (1e3 * values["thickness"] for values in (plate, wanted))
     if differing == ["thickness"]:
         return [], [f"the plate is {thick:.5g} mm thick, where marker.json says {usual:.6g} mm"]
-    what = ", ".join(key.replace("_", " ") for key in differing) or "another marker's"
-    sentence = f"made for another plate than marker.json's: {what}"
-    return [Finding("outline", sentence, "give the options of its export")], []
+    return [other_plate(differing)], []
 
 
 def _compared(kind: str, tree: Tree, wanted: Tree, output: Output, name: str, tolerance: float) -> Check:

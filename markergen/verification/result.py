@@ -89,6 +89,18 @@ class Finding:
 
 THROUGH_PLANE = "mirrored through its plane: all heights have the opposite sign"
 
+PLATE_FLAGS = {"outline": "--outline", "holes": "--mount or --dowel"}
+"""Options of an export that make a plate another one, by what differs; of others the name is that of the option."""
+
+
+def other_plate(keys: Sequence[str]) -> Finding:
+    """Finding about a file that is made for another plate than marker.json's, by what differs of it."""
+    what = ", ".join(key.replace("_", " ") for key in keys)
+    flags = ", ".join(PLATE_FLAGS.get(key, f"--{key.replace('_', '-')}") for key in keys)
+    remedy = f"verify it with the options of its export: {flags}" if keys else "give the options of its export"
+    return Finding("outline", f"made for another plate than marker.json's: {what or 'of another marker'}", remedy)
+
+
 REMOVE = "remove what is not the marker's, or export it again"
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"

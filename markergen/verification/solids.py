@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,7 @@ from markergen.verification.result import (
     Check,
     Finding,
     is_strange,
+    other_plate,
     short_length,
     somewhere,
 )
@@ -56,6 +58,7 @@ from markergen.verification.wanted_solids import (
     WantedSolid,
     area_of,
     best_wanted,
+    on_plate,
     size_of,
     volume_of,
     wanted_dots,
@@ -84,7 +87,9 @@ TYPICAL = 100.0
 
 WHOLE = "export it again with all of its parts"
 
-PLATE_OPTIONS = "options of the plate that export was given, such as --mount or --chamfer, are to be given here, too"
+PLATE_OPTIONS = (
+    "options of the plate that export was given, such as --outline, --mount or --chamfer, are to be given here, too"
+)
 
 OF_SOLIDS = {
     FIT_TO_PAGE: "export it again, and save it without scaling it",
@@ -95,22 +100,43 @@ OF_SOLIDS = {
 Inside = Callable[[Array], Mask]
 """Tells which points (k, 3) are inside of something."""
 
-RECORD = re.compile(rb'(?:markergen export"?:? ?|mm )(\{[^{}]*\})')
+RECORD = re.compile(rb'(?:markergen export"?:? ?|mm )(\{.*\})', re.DOTALL)
 """Options of an export: in the header of an STL or STEP, the asset of a GLB, the comment of a 3MF's archive."""
+
+RECORDED_WITHIN = 40_000
+"""Number of bytes at the beginning or the end of a file in which they are: of up to 30 000 some are written twice."""
 
 DOT = re.compile(r"dot-(\d+)(-core)?$")
 
 
 def _verified(kind: str, data: bytes, name: str, body: Body, settings: Settings) -> Check:
-    """Read a solid and compare it."""
-    solid = _once(read_solid(kind, data, name))
+    """Read a solid and compare it; another plate that it records is one finding, unless holes are all."""
+    solid, record = _once(read_solid(kind, data, name)), _recorded(kind, data)
+    check = _checked(kind, solid, record, body, settings)
+    if record.plate is None or check.kinds <= {"hole"}:
+        return check
+    try:
+        made = on_plate(body, record.plate, name)
+    except InputError:
+        return check
+    plate, usual_plate = (design.plates[0].marker.substrate for design in (made, body))
+    differing = [key for key in ("outline", "holes") if getattr(plate, key) != getattr(usual_plate, key)]
+    remade = _checked(kind, solid, record, made, settings) if differing else check
+    if len(remade.findings) >= len(check.findings):
+        return check
+    notes = (*remade.notes, *_other_lengths(plate, usual_plate))
+    return replace(remade, findings=(other_plate(differing), *remade.findings), notes=notes)
+
+
+def _checked(kind: str, solid: Solid, record: "_Record", body: Body, settings: Settings) -> Check:
+    """Compare a solid with a body, made with the recorded options and lengths of the plate."""
     flaws = [*solid.flaws]
     if volume_of(solid.shell.corners) < 0:
         flaws.append("it is inside out")
     tolerance = PRINTABLE if settings.tolerance is None else settings.tolerance
-    recorded, lengths = _recorded(data)
+    recorded = record.fabrication
     asked = settings.fabrication if recorded is None else recorded
-    usual, body = body, _on_plate(body, lengths)
+    usual, body = body, _on_plate(body, record.lengths)
     best = partial(best_wanted, asked=asked, recorded=recorded is not None, corners=solid.shell.corners,
                    bare=not any(mesh.name or mesh.color for mesh in solid.objects))  # fmt: skip
     try:
@@ -190,16 +216,30 @@ def _once(solid: Solid) -> Solid:
     return Solid(tuple(objects), (*solid.flaws, f"{count} triangles are there twice"))
 
 
-def _recorded(data: bytes) -> tuple[Fabrication | None, dict[str, Any]]:
-    """Options that a file records, and lengths of its plate in m; None without any that are understood."""
-    match = RECORD.search(data[:4000]) or RECORD.search(data[-4000:])
+class _Record(NamedTuple):
+    """Options that a file records, lengths of its plate in m, and its plate; None for what is not there."""
+
+    fabrication: Fabrication | None = None
+    lengths: Mapping[str, Any] = MappingProxyType({})
+    plate: Mapping[str, Any] | None = None
+
+
+def _recorded(kind: str, data: bytes) -> _Record:
+    match = RECORD.search(data[:RECORDED_WITHIN]) or RECORD.search(data[-RECORDED_WITHIN:])
+    if match is None:
+        return _Record()
+    text = match[1].decode("ascii", "replace")
+    if kind == "STEP":
+        text = text.replace("''", "'").replace(2 * "\\", "\\")
     try:
-        record = json.loads(match[1]) if match else {}
-        lengths = {name: record.pop(name) for name in PLATE_LENGTHS if name in record}
+        asked, _ = json.JSONDecoder().raw_decode(text.replace(",\n", ",") if kind == "BREP" else text)
+        plate = asked.pop("substrate", None)
+        lengths = {name: (plate or asked).get(name) for name in PLATE_LENGTHS if name in (plate or asked)}
         Substrate(**lengths)
-        return (Fabrication(**record) if match else None), lengths
-    except (ValueError, TypeError, AttributeError, InputError):
-        return None, {}
+        options = {name: value for name, value in asked.items() if name not in PLATE_LENGTHS}
+        return _Record(Fabrication(**options), lengths, plate)
+    except (ValueError, TypeError, AttributeError, InputError, RecursionError):
+        return _Record()
 
 
 def _is_elsewhere(check: Check) -> bool:

@@ -2,6 +2,7 @@
 
 # tests: tests/verification/test_solids.py
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,6 +15,7 @@ from markergen.arrays import Array
 from markergen.errors import InputError, OutputError
 from markergen.exporters import EXPORTERS
 from markergen.model.body import Body
+from markergen.model.body_json import body_to_json, from_content
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.solid.primitives import COLORS
@@ -169,6 +171,17 @@ def _around(corners: Array, wanted: Array) -> Array:
     is_cut = inside.any(axis=1) & ~inside.all(axis=1)
     kept = corners[inside.all(axis=1)]
     return kept if len(kept) and area_of(corners[is_cut]) < CUT * area_of(kept) else corners
+
+
+def on_plate(body: Body, plate: object, name: str) -> Body:
+    """Return the body with another substrate, as marker.json has it; raises InputError if it is none."""
+
+    def marker_on(marker: Marker) -> Marker:
+        if marker.substrate.as_dict() == plate:
+            return marker
+        return from_content({**json.loads(body_to_json(marker)), "substrate": plate}, name)
+
+    return body.with_markers(marker_on)
 
 
 def _choices(body: Body, asked: Fabrication) -> Iterator[Fabrication]:

@@ -17,6 +17,7 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import Settings
+from markergen.workshop.formats import solids
 from markergen.workshop.formats.solids import solids_of, write_step
 from markergen.workshop.processes import parts_of
 
@@ -357,6 +358,32 @@ def test_lengths_of_a_plate_that_a_file_records_are_notes(marker, tmp_path, suff
         "the plate's corner radius is 2 mm, where marker.json says 0 mm",
         "the plate's chamfer is 1 mm, where marker.json says 0 mm",
     )
+
+
+@pytest.mark.parametrize(
+    "suffix", [".glb", ".3mf", *(pytest.param(s, marks=pytest.mark.long) for s in (".step", ".brep"))]
+)
+def test_outline_and_holes_that_a_file_records_are_one_difference(marker, tmp_path, suffix):
+    hole = Hole(-0.03, -0.04, 0.003, name="M3, 'tapped' \\ \u00e9")
+    other = replace(marker, substrate=Substrate(thickness=0.006, holes=(hole,), outline=rectangle(0.13, 0.12)))
+    save(other, [path := tmp_path / f"a{suffix}"], ExportOptions(fabrication=Fabrication(engrave=False)))
+    check = verify(marker, path)
+    assert [str(finding) for finding in check.findings] == [
+        "made for another plate than marker.json's: outline, holes; verify it with the options of its export: "
+        "--outline, --mount or --dowel"
+    ]
+    assert check.dots == 5
+    assert check.notes == (sentence("plate thickness", "6 mm", "4 mm"),)
+    assert verify(other, path).passed
+
+
+def test_a_plate_that_is_too_long_to_record_is_compared_with_that_of_the_options(marker, tmp_path, monkeypatch):
+    monkeypatch.setattr(solids, "MOST_RECORD", 20)
+    other = replace(marker, substrate=replace(PLATE, holes=PLATE.holes[:1]))
+    save(other, [tmp_path / "a.glb"], ExportOptions(fabrication=Fabrication(engrave=False)))
+    assert b"substrate" not in (tmp_path / "a.glb").read_bytes()
+    assert {finding.kind for finding in verify(marker, tmp_path / "a.glb").findings} == {"hole"}
+    assert verify(other, tmp_path / "a.glb").passed
 
 
 @pytest.mark.parametrize("process", sorted({*PROCESSES} - {"cnc"}))

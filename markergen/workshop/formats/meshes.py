@@ -63,11 +63,11 @@ def export_stl(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output
     if len(materials) > 1:
         for material in materials:
             alone = [part for part in parts if part.material == material]
-            beside[f"{options.stem}-{material}.stl"] = write_stl(alone, work.name, work.record)
+            beside[f"{options.stem}-{material}.stl"] = write_stl(alone, work.name, work.short_record)
         notes.append(f"Beside it, one file for each material to print together: {', '.join(beside)}.")
     if any(part.marked.any() for part in parts):
         notes.append("STL has no colors: what is engraved is as light as the plate in it.")
-    return Output(write_stl(parts, work.name, work.record), tuple(notes), beside)
+    return Output(write_stl(parts, work.name, work.short_record), tuple(notes), beside)
 
 
 def write_stl(parts: Sequence[Mesh], name: str, record: str = "") -> bytes:

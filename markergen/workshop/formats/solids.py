@@ -9,7 +9,7 @@ take two more. `normalize` removes from STEP what varies from run to run.
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -374,6 +374,9 @@ def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0
 EXPORTED = "markergen export"
 """Before the options of an export that a file records."""
 
+MOST_RECORD = 30_000
+"""Maximum number of characters of a record: a string of STEP has 32 769, the comment of a 3MF's archive 65 535."""
+
 MADE = (".step", ".brep", ".stl", ".3mf")
 """Suffixes of solids that are made, in which plates must not overlap; others are looked at."""
 
@@ -386,8 +389,8 @@ class Designed:
     ----------
     notes : tuple of str
         Sentences for the user.
-    record : str
-        Options that are not the defaults, as JSON; empty for none.
+    record, short_record : str
+        Options that are not the defaults, as JSON; empty for none. The short one has no outline and no holes.
     """
 
     name: str
@@ -395,6 +398,7 @@ class Designed:
     made: MadeBody
     notes: tuple[str, ...]
     record: str = ""
+    short_record: str = ""
 
 
 def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: str) -> Designed:
@@ -410,13 +414,20 @@ def designed_of(bodies: Sequence[Marker | Rig], options: ExportOptions, suffix: 
     if suffix in MADE:
         check_no_overlap(made, body)
     name = marker_name(body) if isinstance(body, Marker) else rig_name(body)
-    asked = options.fabrication.shape_options
+    asked, plate, lengths = options.fabrication.shape_options, body.plates[0].marker.substrate, {}
     for measure in PLATE_LENGTHS:
-        lengths = {getattr(plate.marker.substrate, measure) for plate in body.plates}
-        if len(lengths) == 1 and lengths != {getattr(Substrate, measure)}:
-            asked[measure] = lengths.pop()
-    record = json.dumps(asked, separators=(",", ":")) if asked else ""
-    return Designed(name, body, made, solid_notes(body, made, options), record)
+        values = {getattr(other.marker.substrate, measure) for other in body.plates}
+        if len(values) == 1 and values != {getattr(Substrate, measure)}:
+            lengths[measure] = values.pop()
+    is_whole = (plate.outline or plate.holes) and all(other.marker.substrate == plate for other in body.plates)
+    short_record = _record_of(asked | lengths)
+    record = _record_of(asked | {"substrate": plate.as_dict()}) if is_whole else short_record
+    record = record if len(record) <= MOST_RECORD else short_record
+    return Designed(name, body, made, solid_notes(body, made, options), record, short_record)
+
+
+def _record_of(asked: Mapping[str, Any]) -> str:
+    return json.dumps(asked, separators=(",", ":")) if asked else ""
 
 
 def export_step(bodies: Sequence[Marker | Rig], options: ExportOptions) -> Output:
@@ -610,7 +621,7 @@ def normalize(text: str, name: str, record: str = "") -> str:
     each root with its references, sorted by the number of the solid.
     """
     head, data = text.split("DATA;\n", 1)
-    exported = f"{EXPORTED} {record}" if record else ""
+    exported = f"{EXPORTED} {record}".replace("\\", 2 * "\\").replace("'", "''") if record else ""
     by = f"'markergen {markergen.__version__}','Open CASCADE','{exported}'"
     header = re.sub(
         r"FILE_NAME\(.*?\);",
