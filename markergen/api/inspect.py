@@ -11,7 +11,7 @@ import numpy as np
 from markergen.api.arguments import as_path
 from markergen.api.shipped import template_plan
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.files import Written, check_outputs, write_all
 from markergen.geometry.contour import Contour, area, box
 from markergen.geometry.outlines import polygons_of
@@ -174,12 +174,7 @@ def inspect(
     with collected_remarks() as remarks:
         kinds = [asked["kind"]] if asked["kind"] else kinds_of(path)
         if unknown := [kind for kind in kinds if kind not in INSPECTORS]:
-            raise InputError("a known --kind", brief(unknown[0]), f"known: {', '.join(INSPECTORS)}")
-        for option, kind in KIND_OF_OPTION.items():
-            if asked[option] not in (None, False) and kind not in kinds:
-                flag = option.replace("_", "-")
-                remedy = f"leave out --{flag}, or give --kind {kind}"
-                raise InputError(f"a file of kind {kind} for --{flag}", f"kind {' and '.join(kinds)}", remedy)
+            raise InputError("a known --kind", brief(unknown[0]), among(unknown[0], INSPECTORS))
         facts = [INSPECTORS[kind](path, asked) for kind in kinds]
     inspection = Inspection(path.name, facts, remarks)
     contents = {} if target is None else {target: _converted(facts, target)}

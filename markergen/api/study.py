@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from markergen.api.arguments import as_path, files_among
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 from markergen.files import Written, check_outputs, write_all
 from markergen.options import check_progress, given, read_as, takes
 from markergen.options.compare import StudyKeywords
@@ -81,7 +81,7 @@ class Study(Result):
         tables = {path.stem: path for path in sorted(self.files) if path.suffix == ".csv"}
         name = table or next((stem for stem in ("table", "claims") if stem in tables), "")
         if name not in tables:
-            raise InputError("a table of the study", repr(name), f"known: {', '.join(tables)}")
+            raise InputError("a table of the study", repr(name), among(name, tables))
         with tables[name].open(newline="") as file:
             return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.maths import distortion as lens
 from markergen.maths.conics import fitted_centers
 from markergen.maths.lenses import LENSES
@@ -56,7 +56,7 @@ class Distortion:
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in LENSES:
-            raise InputError("a known distortion model", brief(self.model), f"known: {', '.join(LENSES)}")
+            raise InputError("a known distortion model", brief(self.model), among(self.model, LENSES))
         if isinstance(self.coefficients, str | bytes | Mapping) or not hasattr(self.coefficients, "__iter__"):
             raise InputError("a list of distortion coefficients", brief(self.coefficients), "give numbers")
         object.__setattr__(self, "coefficients", tuple(self.coefficients))

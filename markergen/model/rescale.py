@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.maths.rotation import rigid_motion
 from markergen.model.body import Body
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, check_supported
@@ -83,7 +83,7 @@ def rescale_body(
     names = [plate.name for plate in body.plates]
     unknown = [name for name in others if name not in names]
     if unknown:
-        raise InputError("the name of a marker of the rig", brief(unknown[0]), f"known: {', '.join(names)}")
+        raise InputError("the name of a marker of the rig", brief(unknown[0]), among(unknown[0], names))
     rescaled = {plate.name: _rescaled(plate.marker, others.get(plate.name, rulers), force) for plate in body.plates}
     names_of = dict[tuple[str, ...], list[str]]()
     for name, (_, sentences) in rescaled.items():

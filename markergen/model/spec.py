@@ -8,7 +8,7 @@ from numbers import Real
 from typing import Any, Literal
 
 from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, PRINT_SIGMA
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.goal import parse_goal, parse_target
@@ -313,7 +313,7 @@ class Spec:
             image = self.dot == "auto" or self.n == AUTO or self.print_sigma > 0
             object.__setattr__(self, "noise_model", "image" if image else "point")
         if self.noise_model not in NOISE_MODELS:
-            raise InputError("a known noise model", repr(self.noise_model), f"known: {', '.join(NOISE_MODELS)}")
+            raise InputError("a known noise model", repr(self.noise_model), among(self.noise_model, NOISE_MODELS))
         if self.noise_model == "point" and self.dot == "auto":
             raise InputError(
                 "the noise model image for --dot auto",

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief, enumerated
+from markergen.errors import InputError, among, brief, enumerated
 from markergen.files import exists
 from markergen.guard import read
 from markergen.read.cameras.document import Document
@@ -104,8 +104,8 @@ class RobotConvention:
         choices_of = {"frame": FRAMES, "unit": tuple(filter(None, METERS)), "angle": ("deg", "rad")}
         for name, choices in choices_of.items():
             if getattr(self, name) not in (None, *choices):
-                expected = f"a known --robot-{name}"
-                raise InputError(expected, brief(getattr(self, name)), f"known: {', '.join(choices)}")
+                value = getattr(self, name)
+                raise InputError(f"a known --robot-{name}", brief(value), among(value, choices))
         if self.rotation is not None and not _is_rotation(self.rotation):
             raise InputError("a known --robot-rotation", brief(self.rotation), f"known: {ROTATION_FORMS}")
 

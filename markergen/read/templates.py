@@ -5,7 +5,7 @@
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 from markergen.files import shipped_folder
 from markergen.guard import read, text_of
 from markergen.model.json_text import parsed_toml
@@ -34,7 +34,7 @@ def template_text(name: str) -> str:
     names = shipped_templates()
     path = Path(name)
     if path.suffix != ".toml" and name not in names:
-        raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(names)}")
+        raise InputError("a known template or a .toml file", repr(name), among(name, names))
     return text_of(read(names.get(name, path), "spec"))
 
 

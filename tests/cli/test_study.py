@@ -48,6 +48,7 @@ def test_a_sweep_is_written_refused_and_continued(here, capsys):
     [
         ("study sweep.toml", "Missing option"),
         ("study sweep -o out", "expected paper, a known study, or a .toml file, found 'sweep'; known: paper, layouts"),
+        ("study layuots -o out", "found 'layuots'; did you mean 'layouts'? Known: paper, layouts"),
         ("study none.toml -o out", "found No such file or directory"),
         ("study sweep.toml -o sweep.toml", "Not a directory"),
         ("study sweep.toml -o . ", "expected a new or empty folder"),

@@ -172,7 +172,7 @@ def test_texts_that_mean_the_same_are_one():
         ("cone:count=" + "9" * 5000, "a whole number for count"),
         ("cone:seed=9999999999999999999", "a seed from 0 to below 2^63"),
         ("cone:sampling=sobol", "known: even, random"),
-        ("cone:weight=distance", "known: 1, 1/distance, 1/distance^2"),
+        ("cone:weight=distance", "did you mean '1/distance'? Known: 1, 1/distance, 1/distance^2"),
         ("cone:tilt=1,tilt=2", "tilt once in a cone"),
         (
             "cone:angle=1",

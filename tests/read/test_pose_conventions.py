@@ -151,6 +151,7 @@ def test_a_body_with_a_camera(write):
         ({"poses_frame": "body"}, "--poses-frame body with --camera-in-body FILE, found --poses-frame body alone"),
         ({"poses_frame": "world"}, "a known --poses-frame, found 'world'"),
         ({"poses_axes": "vulkan"}, "a known --poses-axes"),
+        ({"poses_axes": "opncv"}, "found 'opncv'; did you mean 'opencv'"),
         ({"poses_unit": "px"}, "a known --poses-unit"),
     ],
 )

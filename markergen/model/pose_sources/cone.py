@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
-from markergen.maths.rotation import exponential, rotation_z
+from markergen.errors import InputError, among, brief
+from markergen.maths.rotation import exponential, turn_z
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
 from markergen.units import parse_length
 
@@ -99,7 +99,8 @@ class Cone:
             raise InputError("a seed from 0 to below 2^63", f"seed={brief(self.seed)}", "give such a whole number")
         for name, choices in (("sampling", SAMPLINGS), ("weight", WEIGHTS)):
             if getattr(self, name) not in choices:
-                raise InputError(f"a known {name}", brief(getattr(self, name)), f"known: {', '.join(choices)}")
+                value = getattr(self, name)
+                raise InputError(f"a known {name}", brief(value), among(value, choices))
 
     @staticmethod
     def parse(text: str) -> "Cone":

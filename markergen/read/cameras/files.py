@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from markergen.errors import InputError, brief, with_place
+from markergen.errors import InputError, among, brief, with_place
 from markergen.files import write_atomic
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, CameraFormat, CameraRecord
@@ -137,7 +137,7 @@ def _colmap_text(text: str) -> Values:
             raise InputError(f"{COLMAP_ORDER} {place}", brief(" ".join(line)), "correct it")
         number, model, width, height, *parameters = line
         if model not in COLMAP:
-            raise InputError(f"a known camera model {place}", brief(model), f"known: {', '.join(COLMAP)}")
+            raise InputError(f"a known camera model {place}", brief(model), among(model, COLMAP))
         focals, lens, places, length = COLMAP[model]
         count = focals + 2 + len(places)
         if len(parameters) != count:

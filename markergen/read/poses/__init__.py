@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.files import exists
 from markergen.guard import read
-from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
+from markergen.model.poses import POSES, PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.formats import Format, recognized, refuse_unreadable, unknown_format
 from markergen.read.poses.conventions import (
@@ -133,7 +133,7 @@ def settled_poses(wish: str) -> str | RecordedPoses:
     path = Path(wish)
     # 0.4-0.8m is no file.
     if not path.name or not (path.suffix[1:].isalpha() or len(path.parts) > 1 or exists(path)):
-        remedy = f"known: {', '.join(pose_forms())}, and files of poses"
+        remedy = f"{among(wish.partition(':')[0], POSES, pose_forms())}, and files of poses"
         raise InputError("a known pose distribution", brief(wish), remedy)
     return read_poses(path)
 

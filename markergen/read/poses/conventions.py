@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError, brief
+from markergen.errors import InputError, among, brief
 from markergen.units import METERS
 
 MARKER_IN_CAMERA, CAMERA_IN_MARKER, BODY, ASKED = "marker-in-camera", "camera-in-marker", "body", "asked"
@@ -60,8 +60,8 @@ class PoseConvention:
     def __post_init__(self) -> None:
         for name, choices in (("frame", FRAMES), ("axes", AXES), ("unit", tuple(filter(None, METERS)))):
             if getattr(self, name) not in (None, *choices):
-                value = brief(getattr(self, name))
-                raise InputError(f"a known --poses-{name}", value, f"known: {', '.join(choices)}")
+                value = getattr(self, name)
+                raise InputError(f"a known --poses-{name}", brief(value), among(value, choices))
         if (self.frame == BODY) != (self.camera_in_body is not None):
             alone = "--camera-in-body alone" if self.frame != BODY else "--poses-frame body alone"
             raise InputError("--poses-frame body with --camera-in-body FILE", alone, "give both, or neither")

@@ -130,7 +130,7 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
     """
     names = studies()
     if not name.endswith(".toml") and name not in names:
-        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *names])}")
+        raise InputError("paper, a known study, or a .toml file", repr(name), among(name, [*STUDIES, *names]))
     path = names.get(name, Path(name))
     values = read_template(str(path))
     with with_place(f"in {path}"):
