@@ -553,7 +553,8 @@ def _meshes(tree: Tree, wanted: Tree, output: Output, name: str, tolerance: floa
         off = _apart(_corners(data, file), _corners(good, file), tolerance)
         largest = max(largest, off)
         if not off <= tolerance:
-            sentence = f"{file} is not the mesh of the marker" + _how(_corners(data, file), _corners(good, file))
+            how = _how(_corners(data, file), _corners(good, file), tolerance)
+            sentence = f"{file} is not the mesh of the marker{how}"
             findings.append(Finding("mesh", sentence, "export it again with its meshes"))
     findings += [
         Finding("missing", f"{file} is not shown", "export it again")
@@ -593,7 +594,7 @@ def _apart(corners: Array, wanted: Array, tolerance: float) -> float:
     return float(distance.max(initial=0.0))
 
 
-def _how(corners: Array, wanted: Array) -> str:
+def _how(corners: Array, wanted: Array, tolerance: float) -> str:
     """In which way a mesh differs as a whole."""
     if not len(corners):
         return ": it is empty"
@@ -602,6 +603,10 @@ def _how(corners: Array, wanted: Array) -> str:
     sizes = [float(np.ptp(mesh.reshape(-1, 3), axis=0).max()) for mesh in (corners, wanted)]
     if abs(sizes[0] / sizes[1] - 1) > 1e-4:
         return f": it is scaled by {sizes[0] / sizes[1]:.5g}"
+    for axis, signs in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
+        # Programs that mirror a mesh keep its triangles inside out, or not.
+        if any(_apart(mesh * signs, wanted, tolerance) <= tolerance for mesh in (corners, corners[:, ::-1])):
+            return f": it is mirrored along {axis}"
     apart = np.linalg.norm(corners.reshape(-1, 3).mean(axis=0) - wanted.reshape(-1, 3).mean(axis=0))
     return f": it is elsewhere, or turned ({1e3 * apart:.3g} mm between their middles)"
 

@@ -286,6 +286,13 @@ def test_meshes_that_are_others(motion, here, marker):
     assert all(kinds(verify(marker, here / f"m{suffix}")) == {"mesh"} for suffix in MODELS)
 
 
+@pytest.mark.parametrize(("axis", "signs"), [("x", [-1, 1, 1]), ("z", [1, 1, -1])])
+def test_a_mirrored_mesh_is_named(axis, signs, here, marker):
+    change(here / "meshes" / "m-dark.stl", lambda corners: corners[:, ::-1] * signs)
+    [finding] = verify(marker, here / "m.urdf").findings
+    assert finding.sentence == f"meshes/m-dark.stl is not the mesh of the marker: it is mirrored along {axis}"
+
+
 def test_a_mesh_in_another_order_is_the_same(here, marker):
     order = np.random.default_rng(0)
     change(here / "meshes" / "m-dark.stl", lambda corners: np.roll(order.permutation(corners), 1, axis=1))
