@@ -175,6 +175,11 @@ def inspect(
         kinds = [asked["kind"]] if asked["kind"] else kinds_of(path)
         if unknown := [kind for kind in kinds if kind not in INSPECTORS]:
             raise InputError("a known --kind", brief(unknown[0]), among(unknown[0], INSPECTORS))
+        for option, kind in KIND_OF_OPTION.items():
+            if asked[option] not in (None, False) and kind not in kinds:
+                flag = option.replace("_", "-")
+                remedy = f"leave out --{flag}, or give --kind {kind}"
+                raise InputError(f"a file of kind {kind} for --{flag}", f"kind {' and '.join(kinds)}", remedy)
         facts = [INSPECTORS[kind](path, asked) for kind in kinds]
     inspection = Inspection(path.name, facts, remarks)
     contents = {} if target is None else {target: _converted(facts, target)}

@@ -8,7 +8,7 @@ from numbers import Real
 from typing import Any, Literal
 
 from markergen.defaults import BLUR_PX, DARK, LIGHT, NOISE_GREY, PRINT_SIGMA
-from markergen.errors import InputError, among
+from markergen.errors import InputError, among, brief
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.goal import parse_goal, parse_target

@@ -216,7 +216,7 @@ def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, phras
         ("validate marker.json --noise nan", "noise"),
         ("validate marker.json --workers 0", "worker"),
         ("validate marker.json --views -2 --runs 0", "view"),
-        ("validate marker.json --poses none", "known: paper, paper-roll"),
+        ("validate marker.json --poses none", "Known: paper, paper-roll"),
         ("validate marker.json --runs 1 --fail-if nonsense", "write for example"),
         (f"{SMALL} --runs 1 --fail-if estimators.pnp.rotation_deg.rms>1", "epnp"),
         ("validate marker.json --json none/r.json", "the folder none does not exist"),

@@ -84,7 +84,7 @@ def test_names_of_other_tools_and_misspelled_ones_are_answered(arguments, messag
 
 
 @pytest.mark.parametrize(
-    ("words", "remedy"),
+    ("arguments", "remedy"),
     [
         ("calibrate photos m.json", "; the marker comes first: markergen calibrate m.json photos"),
         ("calibrate photos/1.png a.png m.json", "; the marker comes first: markergen calibrate m.json photos/1.png"),
@@ -95,13 +95,13 @@ def test_names_of_other_tools_and_misspelled_ones_are_answered(arguments, messag
         ("validate photos", "found Is a directory; check the path"),
     ],
 )
-def test_exchanged_arguments_are_answered_with_their_order(words, remedy, tmp_path, monkeypatch, capsys):
+def test_exchanged_arguments_are_answered_with_their_order(arguments, remedy, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "1.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     for name in ("m.svg", "m.pdf", "m.json", "a.png"):
         (tmp_path / name).write_text("<svg/>")
-    assert main(words.split()) == 2
+    assert main(arguments.split()) == 2
     complaint = capsys.readouterr().err
     assert remedy in complaint
     assert complaint.count("\n") == 1

@@ -97,7 +97,7 @@ def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, message):
 
 def test_the_others_are_verified_all_the_same(here, capsys):
     assert main(["verify", "marker.json", "none.svg", "marker.csv"]) == 2
-    said = capsys.readouterr()
-    assert "none.svg" in said.err
-    assert "   ok\n" in said.out
-    assert "by the best rotation and translation" in " ".join(said.out.split())
+    output = capsys.readouterr()
+    assert "none.svg" in output.err
+    assert "   ok\n" in output.out
+    assert "by the best rotation and translation" in " ".join(output.out.split())

@@ -8,7 +8,7 @@ from sentences import sentence
 
 from markergen.detect import Detector, detect
 from markergen.detect.results import lines_of
-from markergen.maths.rotation import angle_between, turn_z
+from markergen.maths.rotation import angle_between, rotation_z
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.marker import build_marker

@@ -142,9 +142,9 @@ def test_dots_that_no_process_raises_are_laid_on_the_plate(room, setting, monkey
     np.testing.assert_array_equal(low.without_low_pillars(points * [1, 1, 0.001])[0], [*points[0, :2], 0])
     objective = OBJECTIVES["pose"](setting)
     monkeypatch.setattr(relief, "polish_relief", lambda *_, **__: (points, 0.0))
-    found = search_relief(objective, room, points[:, :2], np.random.default_rng(0), 1)
-    np.testing.assert_array_equal(found.points, made)
-    assert found.value == pytest.approx(objective(made[None])[0])
+    result = search_relief(objective, room, points[:, :2], np.random.default_rng(0), 1)
+    np.testing.assert_array_equal(result.points, made)
+    assert result.value == pytest.approx(objective(made[None])[0])
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -83,7 +83,7 @@ def test_columns_of_csv_have_units(folder):
 
 
 @pytest.mark.parametrize(
-    ("header", "words"),
+    ("header", "phrase"),
     [
         ("name,radius,x_parsec", "a column of plates in .*'x_parsec'"),
         ("name,radius,x [au]", r"one known unit of length at x \[au\]"),
@@ -92,9 +92,9 @@ def test_columns_of_csv_have_units(folder):
         ("name,radius,x,x_mm", "every column once in .*, found x twice"),
     ],
 )
-def test_columns_of_csv_are_known_and_once(folder, header, words):
+def test_columns_of_csv_are_known_and_once(folder, header, phrase):
     (folder / "plates.csv").write_text(f"{header}\n{','.join('1' * len(header.split(',')))}\n")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=phrase):
         read_plates(folder / "plates.csv")
 
 

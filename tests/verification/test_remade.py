@@ -149,19 +149,19 @@ def test_a_list_in_mm_is_scaled(suffix, here, marker):
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".detector.json", ".ros2.yaml", ".kalibr.yaml", ".opencv.yaml"])
 @pytest.mark.parametrize(
-    ("axes", "words"),
+    ("axes", "phrase"),
     [("z", "mirrored through its plane: all heights have"), ("x", "mirrored: x of every dot has"), ("yz", "")],
 )
-def test_a_list_with_opposite_signs_along_one_axis_is_mirrored(suffix, axes, words, here, marker):
+def test_a_list_with_opposite_signs_along_one_axis_is_mirrored(suffix, axes, phrase, here, marker):
     points = tuple(replace(p, z=0.002 * k) for k, p in enumerate(marker.control_points))
     opposite = tuple(replace(p, **{axis: -getattr(p, axis) for axis in axes}) for p in points)
     relief = replace(marker, tag=None, control_points=points)
     save(replace(relief, control_points=opposite), [here / f"m{suffix}"])
     findings = verify(relief, here / f"m{suffix}").findings
-    if words:
+    if phrase:
         [finding] = findings
         assert finding.kind == "mirrored"
-        assert finding.sentence.startswith(words)
+        assert finding.sentence.startswith(phrase)
     else:
         assert not any(finding.kind == "mirrored" for finding in findings)
 

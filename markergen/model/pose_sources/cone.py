@@ -9,7 +9,7 @@ import numpy as np
 
 from markergen.arrays import Array
 from markergen.errors import InputError, among, brief
-from markergen.maths.rotation import exponential, turn_z
+from markergen.maths.rotation import exponential, rotation_z
 from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
 from markergen.units import parse_length
 
