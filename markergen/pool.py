@@ -8,14 +8,14 @@ import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import ContextDecorator, closing, contextmanager, nullcontext, suppress
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from time import perf_counter, sleep
 from traceback import format_exception
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from markergen.errors import InputError, MarkergenError
 from markergen.registry import Luggage, outside, receive
@@ -36,6 +36,32 @@ IMPORTING_MS = 10_000
 
 MOST_WORKERS = 256
 """Maximum number of processes; each loads its own copy of the library, and a number beyond this is a slip."""
+
+
+class OneBlasThread(ContextDecorator):
+    """Computes with one thread of linear algebra: sums over several, and so last digits, depend on their number.
+
+    The limit is the process's, and is lifted when the last of all threads that ask for it is done.
+    """
+
+    _lock: ClassVar = threading.Lock()
+    _users: ClassVar[int] = 0
+    _limits: ClassVar[Any] = None
+
+    def __enter__(self) -> None:
+        import scipy.linalg  # noqa: F401 - has a library of its own, which can be limited once it is loaded
+        from threadpoolctl import threadpool_limits
+
+        with self._lock:
+            if not OneBlasThread._users:
+                OneBlasThread._limits = threadpool_limits(1, user_api="blas")
+            OneBlasThread._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            OneBlasThread._users -= 1
+            if not OneBlasThread._users:
+                OneBlasThread._limits.restore_original_limits()
 
 
 def processor_count() -> int:

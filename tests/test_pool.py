@@ -7,13 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from inspect import signature
 from pathlib import Path
 
+import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
+import markergen as mg
 from markergen import pool
 from markergen.errors import MarkergenError
-from markergen.pool import BLAS_THREADS, chunks_of, map_chunks, map_counted
+from markergen.pool import BLAS_THREADS, OneBlasThread, chunks_of, map_chunks, map_counted
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
@@ -215,3 +220,30 @@ def test_what_is_done_is_counted_from_nothing_to_all(workers):
 
 def test_the_examples_run():
     assert doctest.testmod(pool).failed == 0
+
+
+def blas_threads():
+    return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+
+def test_one_blas_thread_holds_until_the_last_of_those_that_ask_for_it():
+    before = blas_threads()
+    first, second = OneBlasThread(), OneBlasThread()
+    first.__enter__()
+    # From another thread, as in a server.
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(second.__enter__).result()
+        first.__exit__()
+        assert set(blas_threads()) == {1}
+        executor.submit(second.__exit__).result()
+    assert blas_threads()[: len(before)] == before
+
+
+@pytest.mark.parametrize("function", [mg.calibrate, mg.compare, mg.design, mg.handeye, mg.rig, mg.study, mg.validate])
+def test_what_the_library_computes_does_not_depend_on_the_number_of_processors(monkeypatch, function):
+    asked = []
+    monkeypatch.setattr(OneBlasThread, "__enter__", lambda self: asked.append(function))
+    monkeypatch.setattr(OneBlasThread, "__exit__", lambda self, *_: None)
+    with pytest.raises((TypeError, mg.InputError)):
+        function(*[None] * sum(p.default is p.empty for p in signature(function).parameters.values()), n=np.zeros(2))
+    assert asked == [function]

@@ -28,6 +28,7 @@ from markergen.model.spec import check_scale
 from markergen.options import Progress, as_list, check_progress, settle, takes
 from markergen.options.calibration import CalibrateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
+from markergen.pool import OneBlasThread
 from markergen.read.images import find_images
 from markergen.read.videos import is_video
 from markergen.units import format_length, parse_length
@@ -39,6 +40,7 @@ _LENGTH = re.compile(r"(?:(\d+):)?(\d+)-(\d+)=([^+±]+?)(?:(?:\+-|±)(.+))?")
 
 
 @takes(CalibrateKeywords)
+@OneBlasThread()
 def calibrate(
     marker: TargetLike,
     photos: Any,

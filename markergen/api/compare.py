@@ -19,12 +19,14 @@ from markergen.model.rig import Rig
 from markergen.options import Progress, check_progress, settle, takes
 from markergen.options.compare import CompareKeywords
 from markergen.options.kinds import File, Files, TargetLike
+from markergen.pool import OneBlasThread
 from markergen.read.poses import poses_as_stated
 
 _log = logging.getLogger(__name__)
 
 
 @takes(CompareKeywords)
+@OneBlasThread()
 def compare(
     *contestants: TargetLike,
     save: Files = (),

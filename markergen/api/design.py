@@ -42,6 +42,7 @@ from markergen.options import Progress, Watch, check_progress, given, read_as, t
 from markergen.options.declarations import OUTSIDE_SPEC, DesignKeywords
 from markergen.options.kinds import File
 from markergen.options.rig import RigKeywords
+from markergen.pool import OneBlasThread
 from markergen.presentation.plots import check_figure, figure_bytes, new_figure
 from markergen.read.outlines.boundary import PAGE
 from markergen.read.poses import poses_from
@@ -80,6 +81,7 @@ SHARED = (
 
 
 @takes(DesignKeywords)
+@OneBlasThread()
 def design(
     *,
     progress: Progress | None = None,
@@ -128,6 +130,7 @@ def design(
 
 
 @takes(RigKeywords)
+@OneBlasThread()
 def rig(
     shape: str | Path = "",
     *,

@@ -16,11 +16,13 @@ from markergen.model.rig import planned_print
 from markergen.options import Progress, as_list, check_progress, settle, takes
 from markergen.options.calibration import HandeyeKeywords
 from markergen.options.kinds import CameraLike, File, Files, MarkerLike
+from markergen.pool import OneBlasThread
 from markergen.read.images import find_images
 from markergen.read.robot_poses import RobotConvention, robot_poses
 
 
 @takes(HandeyeKeywords)
+@OneBlasThread()
 def handeye(
     marker: MarkerLike,
     photos: Any,

@@ -14,6 +14,7 @@ from markergen.files import Written, check_outputs, write_all
 from markergen.options import check_progress, given, read_as, takes
 from markergen.options.compare import StudyKeywords
 from markergen.options.kinds import File
+from markergen.pool import OneBlasThread
 from markergen.presentation.results import Result, files_as_json, json_bytes, plain
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
@@ -87,6 +88,7 @@ class Study(Result):
 
 
 @takes(StudyKeywords)
+@OneBlasThread()
 def study(
     what: str | PathLike[str] | Mapping[str, Any],
     output: str | PathLike[str],

@@ -14,6 +14,7 @@ from markergen.model.rig import planned_print
 from markergen.options import Progress, check_progress, settle, takes
 from markergen.options.declarations import ValidateKeywords
 from markergen.options.kinds import CameraLike, File, Files, TargetLike
+from markergen.pool import OneBlasThread
 from markergen.read.cameras import sized
 from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.poses import poses_as_stated
@@ -27,6 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 @takes(ValidateKeywords)
+@OneBlasThread()
 def validate(
     marker: TargetLike,
     camera: CameraLike | None = None,
