@@ -91,6 +91,7 @@ PLACES: Mapping[str, Mapping[str, Sequence[str]]] = {
         DEFAULT: [
             "cannot keep them to # % is refused",
             "a disk of `--radius`, # mm by default",
+            "Pillars are # mm high or more (of a relief below # mm,",
             "approximated to # um",
             "a distance of #..1.5 m",
             "sources is within # % of the least",
