@@ -418,6 +418,9 @@ def _started(markers: Sequence[Marker], seen: Sequence[Labeled], size: tuple[int
     if not seen:
         return camera
     fisheye, other = _adjusted(markers, seen, _rough_camera(markers, seen, size, FISHEYE))
+    if other < CLEARLY_BETTER * misfit:
+        # From a rough focal length, views of exact prints were left 1000 times the misfit that this start leaves.
+        camera, misfit = _adjusted(markers, seen, replace(fisheye, distortion=UNKNOWN_LENS))
     return fisheye if other < CLEARLY_BETTER * misfit else camera
 
 

@@ -260,6 +260,19 @@ def test_a_start_has_the_lens_that_fits(lens, focal):
     assert result.fx == pytest.approx(focal, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", [1, 11])
+def test_exact_dots_without_distortion_do_not_start_with_a_fisheye(seed):
+    rng, places = np.random.default_rng(seed), layout(6)[:, :2] * 0.4
+    marker = build_marker(places, Circle(0.06), diameter=0.02, clearance=0.002)
+    camera = Camera(1280, 960, 1400.0, 1400.0, 640.0, 480.0)
+    rotation, translation = hand_held(8, rng, (5, 45))
+    drawn = outlines(marker.xyz, marker.radii, rotation, translation * [0, 0, 0.5])
+    spread = np.broadcast_to(1e-6 * np.eye(2), (len(marker), 2, 2))
+    centers = camera.dot_centers(drawn.center, drawn.shape) + rng.normal(0, 1e-3, (8, len(marker), 2))
+    seen = [Labeled(np.arange(len(marker)), center, spread, photo=k) for k, center in enumerate(centers)]
+    assert _started([marker], seen, (camera.width, camera.height)).distortion.model == "radtan"
+
+
 @pytest.mark.long
 def test_a_dropped_photograph_is_found_through_another_lens_than_the_cameras():
     """Of 40 small dots through a lens with k1 -0.55, by a camera that is given without it."""
