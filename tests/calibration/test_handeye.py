@@ -158,6 +158,28 @@ def test_a_wrong_pose_is_left_out():
     assert kept.tolist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
 
 
+def test_a_wrong_translation_is_left_out_also_where_rotations_err():
+    rng = np.random.default_rng(10)
+    views, (rotation, translation), *_ = posed(rng, 10)
+    rotation = exponential(rng.normal(0, np.deg2rad(0.05), (10, 3))) @ rotation
+    translation[4, 0] += 0.005
+    _, kept = agreeing(views, (rotation, translation), NAMES)
+    assert kept.tolist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
+
+
+def test_a_quaternion_in_the_wrong_order_is_not_taken_for_inverse_poses():
+    from scipy.spatial.transform import Rotation
+
+    views, (rotation, translation), *_ = posed(np.random.default_rng(11), 10)
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat().T
+    # Read so, rotations are the inverse ones in other frames: they agree with the photographs, translations do not.
+    misread = Rotation.from_quat(np.column_stack([w, x, y, z])).as_matrix()
+    for poses in ((misread, translation), inverse_pose((misread, translation))):
+        error = refused(views, poses)
+        assert "apart" in error.args[1]
+        assert "--robot-rotation" in error.args[2]
+
+
 def test_the_robots_errors_are_those_it_has():
     sigma = np.array([one_set(np.random.default_rng(seed), 10, True, "exact")[0].robot.sigma for seed in range(2)])
     # Two sets with some 23 degrees of freedom for each kind: 15 % for the mean.
