@@ -395,7 +395,7 @@ def _poses_of(table: _PoseTable, convention: RobotConvention) -> list[tuple[Arra
         rotation = _vectors(rotation, notation, angle, columns.axes, table)
     from scipy.spatial.transform import Rotation
 
-    numbers = numbers_of(translation, rotation, lambda index: table.places[index])
+    numbers = numbers_of(translation, rotation, lambda index: table.places[index], "--robot-unit")
     turns, translation = Rotation.from_quat(numbers[:, 3:]), numbers[:, :3]
     if frame == BASE_IN_FLANGE:
         turns = turns.inv()

@@ -153,6 +153,11 @@ def test_contradictions_are_refused():
         RobotConvention(rotation="ZZY")
 
 
+def test_a_translation_of_kilometers_is_answered_with_the_robots_option():
+    text = table("photo,x,y,z,qx,qy,qz,qw", np.c_[1e6 * PLACES, QUATERNIONS])
+    assert "--robot-unit mm" in refusal(text, frame=FLANGE_IN_BASE, unit="m").args[2]
+
+
 def test_photographs_are_named_with_or_without_folder_and_ending():
     header, values, _ = CASES["quaternion by name"]
     for names in (("0.png", "10.PNG", "12", "photos/2.png"), ("000", "0010", "12", "C:\\shots\\2.png")):

@@ -268,11 +268,11 @@ def table_poses(file: RowsFile, names: Sequence[str], rows: Iterable[tuple[int, 
     return numbers_of(values[:, :3] * scale, values[:, 3:], lambda index: file.place(lines[index]))
 
 
-def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
+def numbers_of(translation: Array, rotation: Array, place: Place, unit_option: str = "--poses-unit") -> Array:
     """Convert translations (P, 3) in m and rotations (P, 4), (P, 3) or (P, 9) to numbers (P, 7) of `RecordedPoses`.
 
     Quaternions are x y z w, rotation vectors are in rad, matrices are row by row. Of q and -q, which are the same
-    rotation, the one with w >= 0 is returned.
+    rotation, the one with w >= 0 is returned. `unit_option` is what states another unit, for messages.
 
     Raises InputError if a number is not finite, a translation exceeds 1 km, a quaternion is not normalized, a rotation
     vector exceeds a full turn, or a matrix is not a rotation.
@@ -284,7 +284,7 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
         "a translation of at most 1 km",
         translation,
         place,
-        "is the unit another? Give --poses-unit mm",
+        f"is the unit another? Give {unit_option} mm",
     )
     quaternion = {4: _unit, 3: _of_vectors, 9: _of_matrices}[rotation.shape[-1]](rotation, place)
     quaternion = quaternion * np.where(quaternion[:, 3:] < 0, -1.0, 1.0)
