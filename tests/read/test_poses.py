@@ -171,7 +171,7 @@ def test_tables_as_programs_write_them(write):
         ("tx,ty,tz,rx,ry,rz,qx,qy,qz,qw\n", "one kind of rotation at line 1 of poses.txt, found qx and rx"),
         (f"{QUATERNION},tx\n", "every column once at line 1 of poses.txt, found 'tx' twice"),
         (f"{QUATERNION},name,Name\n", "found 'Name' twice"),
-        (f"{QUATERNION},x\n", "every column once at line 1 of poses.txt, found 'x' twice"),
+        (f"{QUATERNION},x\n", "every column once at line 1 of poses.txt, found 'tx' and 'x', both read as tx"),
         (f"timestamp,{QUATERNION}\n1,{GOOD}", "--poses-frame for poses.txt, found poses that may be those of a body"),
         (f"{QUATERNION}\n{GOOD}\n0,0,1,1,0,0\n", "7 values at line 3 of poses.txt, found 6"),
         (f"{QUATERNION}\n{GOOD},\n", "7 values at line 2 of poses.txt, found 8"),

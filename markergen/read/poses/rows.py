@@ -217,8 +217,11 @@ def columns_of(names: Sequence[str], place: str) -> tuple[list[int], str]:
     kinds = [columns[name].kind for name in names]
     plain = [name.strip().lower() for name in names]
     for index, (kind, name) in enumerate(zip(kinds, plain, strict=True)):
-        if name in plain[:index] or (kind not in ("", "ignored", "time") and kind in kinds[:index]):
-            raise InputError(f"every column once at {place}", f"{brief(names[index])} twice", "correct the header")
+        problem = f"{brief(names[index])} twice" if name in plain[:index] else ""
+        if not problem and kind not in ("", "ignored", "time") and kind in kinds[:index]:
+            problem = f"{brief(names[kinds.index(kind)])} and {brief(names[index])}, both read as {kind}"
+        if problem:
+            raise InputError(f"every column once at {place}", problem, "correct the header")
     rotations = [rotation for rotation in ROTATIONS if set(rotation) & set(kinds)]
     if len(rotations) != 1:
         is_euler = any(re.search(r"\b(roll|pitch|yaw|heading|omega|phi|kappa|euler)", name) for name in plain)
