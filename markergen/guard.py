@@ -234,7 +234,11 @@ def _near(path: Path) -> str:
     """Return what to do about a path that cannot be read: one beside it with nearly its name, if there is one."""
     from difflib import get_close_matches
 
+    if str(path) == "-":
+        return "standard input is not read here: give the name of a file"
     try:
+        if path.is_symlink() and not path.exists():
+            return f"it is a link to {place_of(path.readlink())}, which is not there"
         names = [] if path.exists() else [neighbor.name for neighbor in islice(path.parent.iterdir(), _NEIGHBORS)]
     except (OSError, ValueError):
         names = []

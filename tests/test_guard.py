@@ -105,6 +105,14 @@ def test_a_file_of_nearly_the_name_is_named(tmp_path):
         read(tmp_path / "nowhere" / "camera.yaml", "camera")
 
 
+def test_a_link_to_nothing_and_standard_input_are_no_misspelled_names(tmp_path):
+    (tmp_path / "camera.yaml").symlink_to("calibration.yaml")
+    with pytest.raises(InputError, match=r"; it is a link to calibration\.yaml, which is not there$"):
+        read(tmp_path / "camera.yaml", "camera")
+    with pytest.raises(InputError, match=r"; standard input is not read here: give the name of a file$"):
+        read("-", "camera")
+
+
 @pytest.fixture
 def ask(tmp_path):
     """What a function of a parser replies in a child process."""
