@@ -219,7 +219,7 @@ def _common(results: Mapping[str, Any]) -> Table:
     rows = [
         [
             entry["name"],
-            number(entry["common"]["rotation_deg"]["rms"]),
+            _cell(entry["common"]),
             _interval(entry["common"]["interval"]["rotation_deg"]),
             *(number(entry["common"]["rotation_deg"][key]) for key in ("median", "p95")),
             number(entry["common"]["translation_pct"]["rms"]),
@@ -230,7 +230,7 @@ def _common(results: Mapping[str, Any]) -> Table:
     views = results["views"]
     header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
     title = f"Over the {views['common']} of {views['count']} views found by all that found 90 %"
-    return Table(title, header, rows, f"{ERRORS} Flips are counted over all views.")
+    return Table(title, header, rows, f"{ERRORS} {_SHARES} Flips are counted over all views.")
 
 
 def _photometric(results: Mapping[str, Any]) -> Table:
@@ -277,13 +277,20 @@ def _split(results: Mapping[str, Any], by: str, unit: str, variable: str) -> Tab
     groups = list(results["contestants"][0][by])
     rows = [[entry["name"], *(_cell(entry[by][group]) for group in groups)] for entry in with_short_names(results)]
     title = f"Rotation error, RMS in deg, by {variable}"
-    caption = "Over the views that each found; in brackets how many those are, where not all."
+    caption = f"Over the views that each found. {_SHARES}"
     return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
 
 
+_SHARES = "In brackets how many of these views each found, where not all."
+
+
 def _cell(group: Mapping[str, Any]) -> str:
-    share = "" if group["rate"] == 1 else f" ({percent(group['rate'])})"
-    return number(group["rotation_deg"]["rms"]) + share
+    return number(group["rotation_deg"]["rms"]) + _share(group)
+
+
+def _share(group: Mapping[str, Any]) -> str:
+    """Share of the views that were found, in brackets; "" if there were none, or all were found."""
+    return "" if group["rate"] in (None, 1) else f" ({percent(group['rate'])})"
 
 
 def comparison_figure(results: Mapping[str, Any]) -> "Figure":
@@ -323,7 +330,7 @@ def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
             ax.plot(values[key], y, linestyle="none", color="#222222", zorder=2, label=legend.get(key, key), **look)
         ax.annotate(number(errors["rms"], 2), (errors["rms"], y), (0, 6), textcoords="offset points", ha="center",
                     fontsize=8)  # fmt: skip
-    ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
+    ax.set_yticks(range(len(entries)), [entry["name"] + _share(entry["common"]) for entry in entries])
     ax.set_ylim(len(entries) - 0.4, -0.7)
     low, high = ax.get_xlim()
     log_axis(ax, "x", _STEPS if high < 50 * max(low, 1e-9) else (1,))

@@ -331,6 +331,18 @@ def test_the_table_names_rooms_where_they_differ(results):
     assert disk not in heading(mixed)
 
 
+def test_who_found_few_of_the_common_views_has_the_share_in_brackets(results):
+    first, *others = results.found["contestants"]
+    missed = first | {"common": first["common"] | {"rate": 0.375}}
+    found = results.found | {"contestants": [missed, *others]}
+    table = next(table for table in tables_of(found) if "found by all" in table.title)
+    assert table.rows[0][1].endswith(" (37.5 %)")
+    assert "In brackets" in table.caption
+    labels = [label.get_text() for label in comparison_figure(found).get_axes()[0].get_yticklabels()]
+    assert labels[0] == "marker.json (37.5 %)"
+    assert labels[1] == PEERS[0]
+
+
 def test_pictures(results, tmp_path):
     figure = comparison_figure(results.found)
     assert len(figure.get_axes()) == 2
