@@ -47,7 +47,7 @@ from markergen.maths.rotation import inverse_pose, logarithm, pose_product, skew
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import Progress
-from markergen.presentation.plots import INK, MUTED, SERIES, axes_of
+from markergen.presentation.plots import INK, MUTED, SERIES, axes_of, legend_below
 from markergen.presentation.results import SavableResult, json_bytes, plain
 from markergen.presentation.tables import Table, number
 from markergen.units import METERS, two_digits
@@ -582,11 +582,12 @@ class HandEye(SavableResult):
         expected = np.sqrt(3) * np.array([np.rad2deg(self.robot_sigma[0]), 1e3 * self.robot_sigma[1]])
         ax.axvline(expected[0], color=MUTED, linewidth=0.8, linestyle="--")
         ax.axhline(expected[1], color=MUTED, linewidth=0.8, linestyle="--", label="RMS of the robot's errors")
-        ax.set_xlim(left=0)
-        ax.set_ylim(bottom=0)
+        # With room for the name of the outermost photograph.
+        ax.set_xlim(0, 1.15 * max(expected[0], rotation.max()))
+        ax.set_ylim(0, 1.1 * max(expected[1], translation.max()))
         ax.set_xlabel("rotation from the left-out pose, deg")
         ax.set_ylabel("translation from the left-out pose, mm")
-        ax.legend(loc="lower right")
+        legend_below(ax)
         return ax
 
     @staticmethod

@@ -86,6 +86,10 @@ def test_camera_and_marker_are_found_in_both_mountings(table, mounting):
     assert np.shape(results["covariance"]) == (13, 13) == (len(results["unknowns"]),) * 2
     assert len(results["photos"]) == 6
     ax = result.plot()
+    ax.figure.draw_without_rendering()
+    # The legend is below the axes, and the names of photographs are inside.
+    assert ax.get_legend().get_window_extent().y1 < ax.get_window_extent().y0
+    assert max(text.get_window_extent().x1 for text in ax.texts) < ax.get_window_extent().x1
     assert len(ax.texts) == 6
 
 
