@@ -18,7 +18,7 @@ from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.matching import DotSet, best_match
 from markergen.verification.reading import Page
-from markergen.verification.result import MOST_LISTED, Finding, listed_ids, scale_finding, short_length
+from markergen.verification.result import MOST_LISTED, Finding, along_axes, listed_ids, scale_finding, short_length
 
 MOST_SUBSETS = 300
 """Maximum number of pairs or triples of dots tried as a basis for consensus."""
@@ -275,10 +275,7 @@ def _consensus(source: Array, target: Array, mirror: bool, tol: float, is_scaled
 
 def _off(names: Sequence[int], off: Array, apart: Array, tol: float) -> list[Finding]:
     wrong = [k for k in np.argsort(-apart, kind="stable") if apart[k] > tol]
-    sentences = [
-        f"dot {names[k]} is {short_length(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
-        for k in wrong[:MOST_LISTED]
-    ]
+    sentences = [f"dot {names[k]} is {short_length(apart[k])} off {along_axes(*off[k])}" for k in wrong[:MOST_LISTED]]
     if len(wrong) > MOST_LISTED:
         sentences.append(f"{len(wrong) - MOST_LISTED} more dots are off by less")
     return [Finding("shifted", sentence, AGAIN) for sentence in sentences]

@@ -141,8 +141,13 @@ def listed_ids(ids: Sequence[int]) -> str:
 
 
 def short_length(value: float) -> str:
-    """Return a length in mm or, if short, in um."""
-    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"
+    """Return a length in mm or, if short, in um; what is less than a nm is the rounding of numbers."""
+    return f"{value:.4g} mm" if value >= 0.01 else f"{round(1e3 * value, 3):.3g} um"
+
+
+def along_axes(x: float, y: float) -> str:
+    """What something is off along x and y, of mm, to the nm: ``(x +200 um, y +0 um)``."""
+    return "(" + ", ".join(f"{axis} {round(1e3 * off, 3) + 0.0:+.4g} um" for axis, off in (("x", x), ("y", y))) + ")"
 
 
 def somewhere(kind: str, what: str, points: Array, remedy: str) -> list[Finding]:

@@ -46,6 +46,7 @@ from markergen.verification.result import (
     SMALLER_PAPER,
     Check,
     Finding,
+    along_axes,
     is_strange,
     other_plate,
     short_length,
@@ -415,7 +416,7 @@ class _Explained:
         x, y, z = fitted_sphere(offset)[0] if len(offset) else np.zeros(3)
         if not (off := float(np.linalg.norm((x, y, z)))) > self.tol:
             return None
-        sentence = f"dot {point.id} is {short_length(off)} off (x {1e3 * x:+.4g} um, y {1e3 * y:+.4g} um)"
+        sentence = f"dot {point.id} is {short_length(off)} off {along_axes(x, y)}"
         return Finding("shifted", sentence, AGAIN)
 
     def _dot(self, name: int, height: float, extra: Array, missing: Array) -> Finding:

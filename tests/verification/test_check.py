@@ -20,6 +20,7 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.verification.reading import Settings
+from markergen.verification.result import along_axes, short_length
 
 DPI = 300
 NAMES = ("4", "5", "5 alike", "5 skew", "12", "L", "L alike")
@@ -208,6 +209,12 @@ def edited(marker, **changes):
     points = list(marker.control_points)
     points[3] = replace(points[3], **{key: value for key, value in changes.items() if key != "add"})
     return replace(marker, control_points=tuple(points))
+
+
+def test_what_rounding_leaves_is_no_length():
+    assert along_axes(0.2, 3.553e-15) == "(x +200 um, y +0 um)"
+    assert along_axes(-0.012345678, -2.9e-7) == "(x -12.35 um, y +0 um)"
+    assert [short_length(value) for value in (7.11e-15, 2.95e-6, 0.0054321)] == ["0 um", "0.003 um", "5.43 um"]
 
 
 @pytest.mark.parametrize(
