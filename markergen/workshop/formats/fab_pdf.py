@@ -129,7 +129,10 @@ def sheets_of_rig(work: RigWork, faces: Workpiece | None, options: SheetOptions)
             width = grid.span(1 if k else grid.count)
             for piece in _split(table, width, grid.height, grid.style):
                 block = _measured(_table(piece, width, grid.style), width)
-                tables.append(replace(block, span=ceil(grid.holds(block.width) - 1e-9)))
+                span = ceil(grid.holds(block.width) - 1e-9)
+                # Again, so that a title that is wider than these columns is broken.
+                within = grid.span(span)
+                tables.append(replace(_measured(_table(piece, within, grid.style), within), span=span))
         if faces is not None:
             return [*tables, *_blocks(faces, grid)]
         return [*tables, *_notes(work.notes, grid.width, grid.height, grid.style)]

@@ -21,6 +21,7 @@ from markergen.model.substrate import Hole, parse_dowel
 from markergen.model.tag import Tag
 from markergen.verification import verify
 from markergen.workshop.formats.fab_pdf import write_fabrication_sheet
+from tests.support.rigs import cube
 
 MM = 25.4 / 72
 
@@ -144,6 +145,13 @@ def test_a_title_that_is_wider_than_its_column_wraps():
     document = pypdfium2.PdfDocument(write_fabrication_sheet(described(marker), SheetOptions())[0])
     assert "Cornersoftheblacksquareofaruco:DICT_ARUCO_MIP_36H12:0,mm" in said(document)
     for page in document:
+        assert_apart(page)
+    document.close()
+
+
+def test_no_two_texts_of_a_rigs_tables_touch():
+    document = pypdfium2.PdfDocument(EXPORTERS[".fab.pdf"](cube(0.08), ExportOptions()).data)
+    for page in list(document)[1:]:
         assert_apart(page)
     document.close()
 
