@@ -164,7 +164,9 @@ def _checked(kind: str, solid: Solid, record: "_Record", body: Body, settings: S
     def rank(pair: tuple[Check, WantedSolid]) -> tuple[bool, bool, int, bool]:
         strange = is_strange(pair[0])
         preferred = asked if strange or asked != Fabrication() else pair[1].fabrication
-        return bool(pair[0].findings), strange, len(pair[0].findings), pair[1].fabrication != preferred
+        # A plate of another thickness is reported, too.
+        count = len(pair[0].findings) + (pair[1].body != body)
+        return bool(pair[0].findings), strange, count, pair[1].fabrication != preferred
 
     check, wanted = min(checks, key=rank)
     if not (several or check.kinds & WHOLLY or is_strange(check)) and (

@@ -219,6 +219,13 @@ def test_a_wrong_unit_is_named(variants, files, tmp_path, name, suffix, factor):
     assert np.isnan(check.largest)
 
 
+@pytest.mark.parametrize("name", ["plain", "full"])
+def test_inches_are_not_a_thick_plate(variants, files, tmp_path, name):
+    path = tmp_path / "inches.3mf"
+    path.write_bytes(resized(files(name, "fdm", ".3mf").read_bytes(), ".3mf", 25.4))
+    assert sentences(verify(variants(name, "fdm"), path)) == [sentence("unit", "25.4", "mm", "inch")]
+
+
 @pytest.mark.parametrize(("made", "suffix"), in_turn(["fdm", "laser"], [".stl", ".3mf", ".glb"]))
 def test_a_mirrored_mesh_is_named(variants, files, tmp_path, made, suffix):
     path = tmp_path / f"mirrored{suffix}"
