@@ -169,14 +169,20 @@ def stacked_at(
 def stacked(
     spans: Sequence[Dimension], view: DrawingView, start: float, first: float, tier: float, style: Style
 ) -> list[Shape]:
-    """Dimensions along z in the given order, each one farther to the right."""
-    shapes: list[Shape] = []
-    places = stacked_at(spans, view.scale, first - start, tier, style)
-    # Outer dimensions first, so that the text of the inner ones covers their extension lines.
-    for span, (at, _) in reversed(list(zip(spans, places, strict=True))):
-        y0, y1 = (view.at((0.0, z))[1] for z in (span.start, span.end))
-        shapes += vertical_dimension(y0, y1, start + at, start, span.text, style)
-    return shapes
+    """Dimensions along z in the given order, each one farther to the right.
+
+    An extension line that words of an inner dimension cover begins beyond them: what is left of it before looks like a
+    minus.
+    """
+    drawn: list[list[Shape]] = []
+    words: list[Box] = []
+    for span, (at, _) in zip(spans, stacked_at(spans, view.scale, first - start, tier, style), strict=True):
+        heights = [view.at((0.0, z))[1] for z in (span.start, span.end)]
+        starts = [max([start, *(box[2] for box in words if box[1] < y < box[3])]) for y in heights]
+        drawn.append(vertical_dimension(*heights, start + at, (starts[0], starts[1]), span.text, style))
+        words += [bounds(shape) for shape in drawn[-1] if isinstance(shape, Lettering)]
+    # Outer dimensions first, so that the text of the inner ones covers their lines.
+    return [shape for shapes in reversed(drawn) for shape in shapes]
 
 
 def _back_text(text: EngravedText, view: DrawingView) -> list[Shape]:

@@ -15,8 +15,9 @@ from markergen.model.boundary import Circle, Polygon
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
 from markergen.model.tag import Tag
-from markergen.workshop.drafting.details import back_view
-from markergen.workshop.drafting.pen import DARK, Lettering
+from markergen.workshop.drafting.details import back_view, stacked
+from markergen.workshop.drafting.drawing import Dimension
+from markergen.workshop.drafting.pen import CLOSE, DARK, DrawingView, Lettering, Style
 from markergen.workshop.drafting.symbols import projection_symbol
 from markergen.workshop.drafting.views import drawing_area, front_page
 
@@ -273,3 +274,16 @@ def test_the_back_is_as_large_as_its_place_allows():
     view = back_view(described(case(ngon(12, 0.48), Circle(0.54), 0.01)), 260.0, 240.0)
     assert view.title.startswith("Seen from the back, 1 : 5")
     assert view.height == pytest.approx(1084 / 5 + 1)
+
+
+@pytest.mark.parametrize("height", np.arange(4.0, 30.0, 1.0))
+def test_no_extension_line_runs_through_words_of_another_dimension(height):
+    """What is left of one before the words looks like a minus."""
+    style = Style(1.4)
+    spans = [Dimension(-3.0, 0.0, "3 \xb10.1"), Dimension(0.0, height, f"{height:g} \xb10.03")]
+    shapes = stacked(spans, DrawingView(0.0, 0.0, 0.5), 0.0, CLOSE * style.scale, CLOSE * style.scale, style)
+    words = [bounds(shape) for shape in shapes if isinstance(shape, Lettering)]
+    lines = [bounds(shape) for shape in shapes if isinstance(shape, Line)]
+    assert len(words) == 2
+    for left, low, right, high in words:
+        assert not any(low < y < high and x0 < left and right < x1 for x0, y, x1, y1 in lines if y1 - y < 0.5)
