@@ -98,10 +98,10 @@ def parse_duration(text: str | float) -> float:
 def format_length(meters: float) -> str:
     """Format a length for people: millimeters below one meter, meters above.
 
-    >>> format_length(0.036), format_length(1.5)
-    ('36 mm', '1.5 m')
+    >>> format_length(0.036), format_length(1.5), format_length(-0.0)
+    ('36 mm', '1.5 m', '0 mm')
     """
-    return f"{meters * 1e3:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"
+    return f"{meters * 1e3 + 0.0:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"
 
 
 def two_digits(value: float) -> str:

@@ -354,7 +354,7 @@ def _outline(path: Path, asked: Mapping[str, Any]) -> Facts:
         "unit": f"{scale * 1e3:.7g} mm",
         "size": f"{width} x {height}, from ({format_length(float(low[0]))}, {format_length(float(low[1]))})",
         "origin": f"of a marker at {placed} of the drawing; --origin file keeps the drawing's",
-        "outlines": f"{outer}, with {len(contours) - outer} holes",
+        "outlines": f"{outer}, with {len(contours) - outer} hole{'s' * (len(contours) - outer != 1)}",
         "sides": f"{len(sides) - arcs} lines, {arcs} arcs",
         "area": f"{total * 1e6:.7g} mm^2",
     }

@@ -153,7 +153,9 @@ def test_an_outline_as_other_programs_read_it(tmp_path):
     path = tmp_path / "plate.svg"
     path.write_text(PLATE)
     expected = 5000 - 100 + 25 * math.pi - 25 * math.pi
-    values = mg.inspect(path, to=tmp_path / "plate.dxf", plot=tmp_path / "plate.png").facts[0].values
+    facts = mg.inspect(path, to=tmp_path / "plate.dxf", plot=tmp_path / "plate.png").facts[0]
+    values = facts.values
+    assert facts.rows["outlines"] == "1, with 1 hole"
     assert values["area_m2"] * 1e6 == pytest.approx(expected)
     assert (values["outlines"], values["holes"], values["lines"], values["arcs"]) == (1, 1, 4, 3)
     np.testing.assert_allclose(values["size_m"], (0.1, 0.05))
