@@ -33,7 +33,7 @@ _SIZE = re.compile(r"\s*(\d+)\s*x\s*(\d+)\s*(asymmetric)?\s*")
 def grid(size: str, pitch: Length, dot: Length | None = None, origin_dot: Length | None = None) -> Marker:
     """See `Marker.grid`."""
     columns, rows, is_asymmetric = _parsed(size, "4x11 asymmetric or 7x5")
-    step = parse_length(pitch, "pitch")
+    step = _above_zero(pitch, "pitch")
     points = step * unit_grid(columns, rows, is_asymmetric)
     marker = from_points(points, SHARE * step if dot is None else dot)
     if origin_dot is None:
@@ -48,7 +48,7 @@ def grid(size: str, pitch: Length, dot: Length | None = None, origin_dot: Length
 def hexagonal(size: str, pitch: Length, dot: Length | None = None) -> Marker:
     """See `Marker.hexagonal`."""
     columns, rows, _ = _parsed(size, "7x5")
-    step = parse_length(pitch, "pitch")
+    step = _above_zero(pitch, "pitch")
     row, column = np.divmod(np.arange(columns * rows), columns)
     points = step * np.stack([column + row % 2 / 2, -row * sqrt(3) / 2], axis=-1)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -62,6 +62,8 @@ def circles(rings: Sequence[tuple[int, Length]], dot: Length) -> Marker:
     except (TypeError, ValueError):
         remedy = 'write for example [(6, "40mm"), (12, "80mm")]'
         raise InputError("pairs of a number of dots and a radius", brief(rings), remedy) from None
+    if min(radii) < 0 or min(counts) < 1:
+        raise InputError("rings of one dot or more, with radii of 0 or more", brief(rings), "correct the pair")
     turns = np.concatenate([2 * np.pi * np.arange(count) / count for count in counts])
     points = np.repeat(radii, counts)[:, None] * np.stack([-np.sin(turns), np.cos(turns)], axis=-1)
     marker = from_points(points, dot)
@@ -72,15 +74,17 @@ def from_points(points: Any, dot: Length) -> Marker:
     """See `Marker.from_points`."""
     from scipy.spatial.distance import pdist
 
-    diameter = parse_length(dot, "dot")
-    places = np.round(np.array(points, dtype=float), 12) + 0.0
+    diameter = _above_zero(dot, "dot")
+    try:
+        places = np.round(np.array(points, dtype=float), 12) + 0.0
+    except (TypeError, ValueError):
+        remedy = "give numbers, x and y of each dot in its row"
+        raise InputError("points (n, 2 or 3) in m", brief(points), remedy) from None
     if places.ndim != 2 or places.shape[1] not in (2, 3) or len(places) < 4:
         expected = "points (n, 2 or 3) in m, four or more"
         raise InputError(expected, f"an array {places.shape}", "give x and y of each dot in its row")
     if not np.isfinite(places).all():
         raise InputError("finite numbers in m", "others", "give x and y of each dot in its row")
-    if not diameter > 0:
-        raise InputError("a diameter above 0", f"dot={brief(dot)}", "give such as 10mm")
     nearest = pdist(places[:, :2]).min()
     if nearest < diameter - ROUNDING:
         actual = f"centers {format_length(nearest)} apart for dots of {format_length(diameter)}"
@@ -89,6 +93,13 @@ def from_points(points: Any, dot: Length) -> Marker:
     (left, low), (right, high) = places[:, :2].min(axis=0) - edge, places[:, :2].max(axis=0) + edge
     room = Polygon((((right, high), (left, high), (left, low), (right, low)),))
     return build_marker(places, room, diameter, CLEARANCE * diameter, keyed=False)
+
+
+def _above_zero(value: Length, name: str) -> float:
+    length = parse_length(value, name)
+    if not length > 0:
+        raise InputError(f"a {name} above 0", f"{name}={brief(value)}", "give such as 10mm")
+    return length
 
 
 def unit_grid(columns: int, rows: int, asymmetric: bool) -> Array:

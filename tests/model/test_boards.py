@@ -88,3 +88,20 @@ def test_what_is_no_pattern_is_refused(make):
 def test_points_that_are_no_marker_are_refused(points, dot, phrase):
     with pytest.raises(mg.InputError, match=phrase):
         mg.Marker.from_points(points, dot)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: mg.Marker.grid("7x5", -1), "a pitch above 0, found pitch=-1"),
+        (lambda: mg.Marker.hexagonal("7x5", "0mm"), "a pitch above 0, found pitch='0mm'"),
+        (lambda: mg.Marker.circles([(6, "-40mm")], "10mm"), "radii of 0 or more"),
+        (lambda: mg.Marker.circles([(0, "40mm"), (6, "80mm")], "10mm"), "one dot or more"),
+        (lambda: mg.Marker.from_points([(0, 0), (0.1, 0), (0, 0.1), (0.1, 0.1)], -1), "a dot above 0, found dot=-1"),
+        (lambda: mg.Marker.from_points([("0mm", "0mm")] * 4, "10mm"), "points .* in m, found"),
+        (lambda: mg.Marker.from_points([(0, 0), (0.1, 0), (0, 0.1), (0.1,)], "10mm"), "points .* in m, found"),
+    ],
+)
+def test_the_argument_that_is_wrong_is_named(make, words):
+    with pytest.raises(mg.InputError, match=words):
+        make()
