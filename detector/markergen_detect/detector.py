@@ -145,7 +145,7 @@ class Finding(NamedTuple):
             return ""
         facts, count = self.facts, self.facts["count"]
         lines = {
-            "few": f"found {facts['blobs']} dots in the image, at least 4 are needed",
+            "few": f"found {facts['blobs']} dot{'s' * (facts['blobs'] != 1)} in the image, at least 4 are needed",
             "unfit": "no labeling fits"
             + f": the best has {count} dots" * (count > 0)
             + f", and {facts['missing']} more should be seen" * (count > 0 and facts["missing"] > 0),

@@ -76,6 +76,8 @@ def test_nothing_in_view_has_a_reason():
     assert finding.state == "few"
     assert "found 0 dots" in finding.reason
     assert finding.pixels.shape == (0, 2)
+    one = Finding(False, "few", {**finding.facts, "blobs": 1}, 0, "board")
+    assert one.reason == "found 1 dot in the image, at least 4 are needed"
 
 
 @pytest.mark.parametrize(
