@@ -361,7 +361,15 @@ class ValidateKeywords(TypedDict, total=False):
     camera_in_body: CameraInBody
     image_size: ImageSize
     runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", RUNS)]
-    noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", NOISE_PX, metavar="PX")]
+    noise: Annotated[
+        float,
+        Option(
+            TRIALS,
+            "Standard deviation on every image coordinate of the trials; what to plan with has the noise of images.",
+            NOISE_PX,
+            metavar="PX",
+        ),
+    ]
     trials_for_all: Annotated[
         bool,
         Option(TRIALS, "Run trials for the n-gon, square and random layouts, too.", False, flags="--trials-for-all"),
