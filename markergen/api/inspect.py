@@ -235,7 +235,8 @@ def _camera(path: Path, asked: Mapping[str, Any]) -> Facts:
         "format": str(values["format"]),
         "image": f"{camera.width} x {camera.height} px",
         "focal lengths": f"fx {camera.fx:.7g}, fy {camera.fy:.7g} px",
-        "principal point": f"cx {camera.cx:.7g}, cy {camera.cy:.7g} px, {share:.1%} of the diagonal off the center",
+        "principal point": f"cx {camera.cx:.7g}, cy {camera.cy:.7g} px, "
+        f"{100 * share:.1f} % of the diagonal off the center",
         "lens": f"{lens.model}: {', '.join(f'{k} {v:.6g}' for k, v in coefficients.items())}"
         if coefficients
         else "none",

@@ -78,5 +78,5 @@ def crowded(
         return []
     gap = separating_gap(points[:, :2], camera, poses, image)
     remedy = f"use --gap {1e3 * gap:g}mm" if gap < diameter else "use fewer or smaller dots"
-    sentence = f"dots look less than {BLOT_PX * image.gap_factor:.2g} px apart in {share:.0%} of the poses"
+    sentence = f"dots look less than {BLOT_PX * image.gap_factor:.2g} px apart in {100 * share:.0f} % of the poses"
     return [f"{sentence}, where images run together: {remedy}"]

@@ -129,7 +129,7 @@ class RecordedPoses(PoseDistribution):
             visible = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
             if visible > most:
                 best, most = convention, visible
-        return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
+        return f"{100 * most:.0f} % would see it if the file {best}: look up which way its format goes" if best else ""
 
 
 def _name(file: str, sampled_from: int) -> str:
@@ -144,9 +144,9 @@ def plausibility(rotation: Array, translation: Array) -> str:
         trials = [trial for trial in other_conventions(rotation, translation) if " mm" not in trial[0]]
         shares = [_looking(*poses) for _, *poses in trials]
         best = int(np.argmax(shares))
-        least = f"{share:.0%} of the poses look at the marker's front"
+        least = f"{100 * share:.0f} % of the poses look at the marker's front"
         if shares[best] > max(2 * share, 0.1) or shares[best] > SURE:
-            remedy = f"{shares[best]:.0%} would if the file {trials[best][0]}"
+            remedy = f"{100 * shares[best]:.0f} % would if the file {trials[best][0]}"
             return f"{least}; {remedy}: look up which way its format goes"
         if share < 1 / 2:
             return f"{least}, and not more by any usual convention: are they about another origin, or of a body?"

@@ -579,7 +579,8 @@ class Design(Result):
         error, ngon = (self.criteria.get(name, {}).get(column.key, np.nan) for name in ("design", NGON))
         if not error > ngon * (1 + WORSE):
             return []
-        return [f"a regular polygon has {1 - ngon / error:.0%} less {column.title}; leave out --points to search"]
+        less = 100 - 100 * ngon / error
+        return [f"a regular polygon has {less:.0f} % less {column.title}; leave out --points to search"]
 
     def _weak_criteria(self) -> list[str]:
         """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""

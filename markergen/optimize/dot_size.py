@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markergen.arrays import Array
-from markergen.errors import InputError
+from markergen.errors import InputError, enumerated
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.goal import parse_goal
@@ -174,10 +174,12 @@ def largest_that_leaves_room(spec: Spec, enough: float = np.inf) -> float:
     # Whole tenths of a millimeter can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
+        distances = {name: length for name in ("clearance", "gap") if (length := getattr(spec, name))}
         raise InputError(
             "room for dots of 0.1 mm and more",
-            f"{spec.n} dots in a {room_of(spec)}" + (f" with gaps of {format_length(spec.gap)}" if spec.gap else ""),
-            "use a larger marker, a smaller --n" + (" or a smaller --gap" if spec.gap else ""),
+            f"{spec.n} dots in a {room_of(spec)}"
+            + "".join(f" with a {name} of {format_length(length)}" for name, length in distances.items()),
+            enumerated(["use a larger marker", "a smaller --n", *(f"a smaller --{name}" for name in distances)], "or"),
         )
     return diameter
 

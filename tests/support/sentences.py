@@ -97,7 +97,7 @@ SENTENCES = {
     "no string": "{}: Input should be a valid string",
     "no pose file": "a readable file of poses",
     "unseen": "{} behind the camera, {} from the back, {} outside the image",
-    "seen if": "100% would see it if the file {}: look up which way its format goes",
+    "seen if": "100 % would see it if the file {}: look up which way its format goes",
     "print scale": "The print is {} % of the design along x",
     # Drawings of outlines
     "gap": "a gap of {} between ({}) and ({})",

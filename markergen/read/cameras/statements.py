@@ -267,7 +267,7 @@ def doubts(camera: Camera) -> Iterator[str]:
             if swapped
             else "is it the calibration of another resolution or of a part?"
         )
-        yield f"the principal point is {share:.0%} of the diagonal off the center: {cause}"
+        yield f"the principal point is {100 * share:.0f} % of the diagonal off the center: {cause}"
     ratio = max(camera.fx / camera.fy, camera.fy / camera.fx)
     if ratio > ANISOTROPIC:
         yield f"fx and fy differ by a factor of {ratio:.3g}: was the image stretched?"
@@ -277,7 +277,7 @@ def doubts(camera: Camera) -> Iterator[str]:
         values = ", ".join(f"{name} {terms[name]:.4g}" for name in large)
         yield f"{values}: is the order of the coefficients {' '.join(terms)}?"
     if folded := folded_share(camera):
-        yield f"the lens folds inside the image: {folded:.0%} of its border is beyond what the model covers"
+        yield f"the lens folds inside the image: {100 * folded:.0f} % of its border is beyond what the model covers"
 
 
 def folded_share(camera: Camera) -> float:
