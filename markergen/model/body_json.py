@@ -10,6 +10,7 @@ published (docs/marker-v1.schema.json, docs/marker-v2.schema.json, docs/rig-v1.s
 import json
 import os
 from collections.abc import Mapping
+from functools import partial
 from hashlib import sha256
 from math import hypot
 from pathlib import Path
@@ -22,7 +23,7 @@ from markergen.guard import check_size, read
 from markergen.model.body import Body, Plate
 from markergen.model.json_text import dumped, findings_of, in_one_line, json_of, parsed
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.marker_file import FORMAT, PoseFile, checked_file, newer_keys
+from markergen.model.marker_file import FORMAT, PoseFile, checked_file, known_keys, newer_keys
 from markergen.model.rig import MOST_MARKERS, Rig
 from markergen.model.shape_file import STRICT, Finite
 from markergen.model.tag import Tag
@@ -289,8 +290,9 @@ def _built(content: Any, name: str, folder: Path) -> Rig:
     try:
         form = RigFile.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"a valid rig in {name}", in_one_line(findings_of(error)), "correct these places") from None
-    findings, markers = list[str](), list[Plate]()
+        findings = findings_of(error, partial(known_keys, root=RigFile))
+        raise InputError(f"a valid rig in {name}", in_one_line(findings), "correct these places") from None
+    findings, markers = [], list[Plate]()
     for k, entry in enumerate(form.markers):
         try:
             if (entry.marker is None) == (entry.file is None):

@@ -312,9 +312,9 @@ def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterato
             yield from (((key, *place), version) for place, version in newer_keys(item, _below(forms, key)))
 
 
-def known_keys(location: Location, version: int) -> list[str]:
-    """Return the valid keys at a place of a file of some version, besides the last one of `location`."""
-    forms: tuple[Form, ...] = (MarkerFile,)
+def known_keys(location: Location, version: int = VERSIONS[-1], root: Form = MarkerFile) -> list[str]:
+    """Return the valid keys at a place of a file of some form and version, besides the last one of `location`."""
+    forms: tuple[Form, ...] = (root,)
     above = forms, ""
     for step in location[:-1]:
         if isinstance(step, str) and step.startswith(UNNAMED):

@@ -1,6 +1,7 @@
 """Lists of a rig's plates: TOML, JSON or CSV, each with a marker or room for one, and its pose T_rig_marker."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from markergen.model.body_json import read_marker
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.json_text import findings_of, in_one_line, parsed, parsed_toml
 from markergen.model.marker import Marker
+from markergen.model.marker_file import known_keys
 from markergen.model.rig import MOST_MARKERS
 from markergen.model.rig_shapes import Face, RigShape, distance_span
 from markergen.read.outlines.boundary import parse_boundary
@@ -79,7 +81,7 @@ def read_plates(path: Path) -> tuple[RigShape, dict[int, Marker]]:
             raise InputError(f"a table plates in {name}", "none", "write [[plates]] for each; see docs/rigs.md")
         plates = _Plates.model_validate(content).plates
     except ValidationError as error:
-        problem = in_one_line(findings_of(error))
+        problem = in_one_line(findings_of(error, partial(known_keys, root=_Plates)))
         raise InputError(f"a list of plates in {name}", problem, "correct these places") from None
     findings, faces, markers = list[str](), list[Face](), dict[int, Marker]()
     for k, plate in enumerate(plates):

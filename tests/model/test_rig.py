@@ -82,6 +82,7 @@ def broken(change):
         (lambda c: c["markers"][0]["T_rig_marker"]["rotation"].reverse(), "determinant 1"),
         (lambda c: c["markers"][0]["T_rig_marker"].update(translation=[1e400, 0, 0]), "finite numbers"),
         (lambda c: c["markers"][0]["T_rig_marker"].update(quaternion=[1, 0, 0, 0]), "unknown key"),
+        (lambda c: c["markers"][0]["T_rig_marker"].update(transl=[1, 0, 0]), "unknown key, did you mean 'translation'"),
         (lambda c: c.update(markers=[]), "markers"),
         (lambda c: c.update(relation_covariance=[[1.0]]), "12 x 12"),
         (lambda c: c.update(relation_covariance=(-np.eye(12)).tolist()), "positive semidefinite"),

@@ -109,6 +109,7 @@ def test_columns_of_csv_are_known_and_once(folder, header, phrase):
         ({"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "orthonormal rows"),
         ({"translation": [0, 0]}, "translation"),
         ({"diameter": 1}, "diameter"),
+        ({"rotation": [0, 0, 0]}, r"plates\[0\]\.rotation: unknown key, did you mean 'rotation_vector'"),
     ],
 )
 def test_mistakes_are_told_with_their_places(folder, change, phrase):
