@@ -326,17 +326,20 @@ def _picture(main: tuple[Array, Array, Array], rig: Rig, made: MadeBody) -> RigV
 def _name(
     label: str, ring: Array, plate: Plate | None, flat: Array, controls: tuple[Control, ...] = (), datum: str = ""
 ) -> FaceName:
-    """Name of a face, of which corners (m, 2) are seen, where there is the most room between the dots of its marker."""
+    """Name of a face, of which corners (m, 2) are seen, where its marker has the most room between dots and tag."""
     middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
     ends = np.concatenate([ring, (ring + np.roll(ring, 1, axis=0)) / 2])
     places = np.concatenate(
         [[middle], *(middle + share * (ends - middle) * [0.6, 1.0] for share in (0.35, 0.55, 0.75))]
     )
     if plate is not None:
-        dots = 1e3 * plate.to_body(plate.marker.xyz) @ flat
-        radii = np.array([500 * point.feature.diameter for point in plate.marker.control_points])
+        marker, tag = plate.marker, plate.marker.tag
+        centers, radii = marker.xyz, [500 * point.feature.diameter for point in marker.control_points]
+        if tag is not None:
+            centers, radii = np.vstack([centers, [*tag.center, 0.0]]), [*radii, 500 * np.sqrt(2) * tag.side]
+        drawn = 1e3 * plate.to_body(centers) @ flat
         # Names are wider than high.
-        room = np.linalg.norm((places[:, None] - dots) * [0.5, 1.0], axis=-1) - radii
+        room = np.linalg.norm((places[:, None] - drawn) * [0.5, 1.0], axis=-1) - radii
         middle = places[int(np.argmax(np.round(room.min(axis=1), 6)))]
     x, y = middle
     return FaceName(label, (float(x), float(y)), float(np.ptp(ring[:, 0])), controls, datum)
@@ -646,10 +649,9 @@ def _drawn_view(view: RigView, at: DrawingView, style: Style) -> list[Shape]:
         shapes += [Line(((foot, line), inside), THIN), *_spot(inside, style)]
         line += 2.4 * height
     shapes += [lettering(view.text, (left + right) / 2, line + 0.2 * height, height, "center", color=GRAY)]
-    shapes += _on_faces([name for name in view.names if not name.controls], at, style)
     if view.place == "main":
         shapes += _axes(view, at, style)
-    return shapes
+    return shapes + _on_faces([name for name in view.names if not name.controls], at, style)
 
 
 def _on_faces(names: Sequence[FaceName], at: DrawingView, style: Style) -> list[Shape]:

@@ -1,5 +1,7 @@
 """The fabrication sheets of a rig: what they say, and where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pypdfium2
 import pytest
@@ -10,11 +12,13 @@ from markergen.drawing.scene import Line, bounds
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.maths.rotation import exponential
 from markergen.model.fabrication import Fabrication
+from markergen.model.marker import build_marker
+from markergen.model.tag import Tag
 from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
+from markergen.workshop.drafting.pen import Lettering
 from markergen.workshop.drafting.rig_drawing import face_works, rig_page, rig_work
-from markergen.workshop.formats import fab_pdf
-from tests.support.rigs import cube, mounted, plate, wall
+from tests.support.rigs import cube, mounted, plate, rectangle, wall
 from tests.workshop.test_assembly import prism
 
 FDM = Fabrication()
@@ -151,3 +155,18 @@ def test_sizes_and_captions_of_close_views_have_room():
     middle = (size[1] + size[3]) / 2
     boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and shape.closed]
     assert not [box for box in boxes if box[0] < size[2] and size[0] < box[2] and box[1] < middle < box[3]]
+
+
+def test_names_of_faces_are_beside_tags_and_on_axes():
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [0.04, 0.03]
+    marker = build_marker(corners, rectangle(0.1, 0.08), 0.012, 0.002)
+    marker = replace(marker, tag=Tag("aruco:DICT_4X4_50", 0, 0.02))
+    work = work_of(mounted([marker, marker], [np.eye(3)] * 2, [[0, 0, 0], [0.15, 0, 0]]))
+    half = 1e3 * marker.tag.side / 2
+    for view in work.views:
+        for name in view.names:
+            across = abs(name.at[0] - (150 if name.text == "plate 1" else 0))
+            assert max(across, abs(name.at[1])) > half + 4
+    shapes = rig_page(work, SheetOptions()).shapes
+    kinds = [shape.text if isinstance(shape, Lettering) else type(shape).__name__ for shape in shapes]
+    assert kinds.index("x") < kinds.index("plate 0")
