@@ -19,6 +19,20 @@ DOUBTED = 3.0
 """Difference in standard deviations from which on rulers are said to contradict the photographs."""
 
 
+def measured_growth(adjustment: Adjustment) -> float:
+    """Share by which the first marker is larger than designed by lengths measured on it; 0 within `DOUBTED` sigmas."""
+    network = adjustment.network
+    is_first = network.marker == network.marker[0]
+    precision = sum((ruler.length / ruler.sigma) ** 2 for ruler in network.lengths if is_first[ruler.first])
+    if not (network.free and precision):
+        return 0.0
+    designed, printed = (
+        places[is_first] - places[is_first].mean(axis=0) for places in (network.design, adjustment.places)
+    )
+    growth = float(np.sum(designed * printed) / np.sum(designed**2)) - 1
+    return growth if abs(growth) > DOUBTED * precision**-0.5 else 0.0
+
+
 @dataclass(frozen=True)
 class ScaleErrors:
     """Standard deviations of a print's scale.

@@ -11,6 +11,7 @@ import numpy as np
 from markergen.arrays import Array
 from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJudged
 from markergen.calibration.projection_uncertainty import projection_uncertainty
+from markergen.calibration.scale import measured_growth
 from markergen.calibration.working_error import ExpectedError
 from markergen.model.camera import Camera
 from markergen.presentation.tables import number
@@ -94,6 +95,15 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
         worse = cross.gain is not None and cross.gain.high < 1
         noise = 1.0 if worse else max(1.0, calibration.adjustment.variance_factor)
         if cross.best_nominal.variance_factor <= _AS_DESIGNED * noise:
+            # Photographs do not show the scale.
+            if growth := measured_growth(calibration.adjustment):
+                return (
+                    f"Use the measured marker: the print is {100 * abs(growth):.2g} % "
+                    f"{'larger' if growth > 0 else 'smaller'} than designed, by the length measured on it, and "
+                    f"otherwise as designed, as far as left-out photographs tell: expect {expect}"
+                    f"{_or_more(calibration)}.",
+                    True,
+                )
             return (
                 "Use the measured marker or the design, since the print is as designed, as far as left-out photographs "
                 f"tell: expect a pose error of {after} {where} instead of the {before} of a print that nobody "
