@@ -27,6 +27,9 @@ LOOSE = 3.0
 """Ratio of residuals with one pose for all that is held together to those with one for each from which on it counts as
 moving."""
 
+SURE = 3.0
+"""Standard deviations from which on a marker is not where the rig has it, as of a scale that rulers contradict."""
+
 STRAY, STRAY_DEG, LEAST_PAIRS = 20.0, 3.0, 5
 """Angle beyond which a pair of photographs was not taken at once: times the median of the pairs' angles to the middle
 one, and at least; and the fewest pairs. Right ones were up to 5 medians (0.06 deg) off, wrong ones 17 deg or more."""
@@ -58,6 +61,22 @@ class Relation:
         assert self.rig is not None
         assert self.rig.relation_covariance is not None
         return _sigmas(self.rig.relation_covariance)
+
+    @property
+    def is_as_designed(self) -> bool:
+        """Whether all markers are where the rig has them, within `SURE` standard deviations."""
+        if self.rig is None:
+            return True
+        turned, moved = (
+            off <= SURE * sigma for off, sigma in zip((self.turned_deg, self.moved), self.sigma, strict=True)
+        )
+        return bool(turned.all() and moved.all())
+
+    @property
+    def deviation(self) -> str:
+        """How far the markers are from where the rig has them."""
+        turned, moved = (np.sqrt(np.mean(np.square(off))) for off in (self.turned_deg, self.moved))
+        return f"{turned:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them"
 
     def plate_rows(self) -> list[tuple[Plate, float, float, float, float]]:
         """Each plate with its rotation in degrees and translation in m from the design, and their sigmas."""
@@ -98,11 +117,10 @@ class Relation:
                 f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} moments."
             )
         if self.rig is not None:
-            angle, moved, *sigma = (np.sqrt(np.mean(np.square(v))) for v in (self.turned_deg, self.moved, *self.sigma))
+            sigma = [np.sqrt(np.mean(np.square(values))) for values in self.sigma]
             listed.append(
-                f"The markers are {angle:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them, known to "
-                f"{sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from {self.photographs} photographs that show two or "
-                "more."
+                f"The markers are {self.deviation}, known to {sigma[0]:.1g} deg and {1e3 * sigma[1]:.1g} mm from "
+                f"{self.photographs} photographs that show two or more."
             )
         return tuple(listed)
 

@@ -2,7 +2,7 @@
 
 # tests: tests/calibration/test_report.py
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from markergen.calibration.judging import CHANCE, CrossValidation, Halves, NotJu
 from markergen.calibration.projection_uncertainty import projection_uncertainty
 from markergen.calibration.scale import measured_growth
 from markergen.calibration.working_error import ExpectedError
+from markergen.errors import enumerated
 from markergen.model.camera import Camera
 from markergen.presentation.tables import number
 
@@ -95,12 +96,11 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
         worse = cross.gain is not None and cross.gain.high < 1
         noise = 1.0 if worse else max(1.0, calibration.adjustment.variance_factor)
         if cross.best_nominal.variance_factor <= _AS_DESIGNED * noise:
-            # Photographs do not show the scale.
-            if growth := measured_growth(calibration.adjustment):
+            if deviations := list(_beside_the_dots(calibration)):
+                measured = "marker" if calibration.rig is None else "rig"
                 return (
-                    f"Use the measured marker: the print is {100 * abs(growth):.2g} % "
-                    f"{'larger' if growth > 0 else 'smaller'} than designed, by the length measured on it, and "
-                    f"otherwise as designed, as far as left-out photographs tell: expect {expect}"
+                    f"Use the measured {measured}: {enumerated(deviations, 'and')}; otherwise the print is as "
+                    f"designed, as far as left-out photographs tell: expect {expect}"
                     f"{_or_more(calibration)}.",
                     True,
                 )
@@ -134,6 +134,15 @@ def verdict(calibration: "Calibration") -> tuple[str, bool]:
     if worse_moves:
         confirmed += "; only the translation as measured counts how well the scale of the print is known"
     return f"Use the measured marker: expect {expect}; {confirmed}.", True
+
+
+def _beside_the_dots(calibration: "Calibration") -> Iterator[str]:
+    """Yield what is not as designed of what left-out photographs do not judge: the scale, and the relation of a rig."""
+    if growth := measured_growth(calibration.adjustment):
+        larger = f"{100 * abs(growth):.2g} % {'larger' if growth > 0 else 'smaller'}"
+        yield f"by the length measured on it, it is {larger} than designed"
+    if calibration.relation is not None and not calibration.relation.is_as_designed:
+        yield f"its markers are {calibration.relation.deviation}"
 
 
 def _or_more(calibration: "Calibration") -> str:
