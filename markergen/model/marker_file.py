@@ -352,10 +352,10 @@ def _choices(annotation: Any, tag: str = "") -> Iterator[tuple[str, Form]]:
 
 def checked_file(content: Any, name: str) -> MarkerFile:
     """Check the values of a marker.json; raises InputError, which lists the findings."""
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(
-            f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
-        )
+    form = content.get("format") if isinstance(content, dict) else None
+    if form != FORMAT:
+        kind = f"a {form}" if str(form).startswith("markergen-") else "another kind of file"
+        raise InputError(f'"format": "{FORMAT}" in {name}', kind, "give a marker.json written by markergen design")
     version = content.get("version")
     if type(version) is not int or version not in VERSIONS:  # 1.0 and True equal 1, too
         raise _other_version(content, name)

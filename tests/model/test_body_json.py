@@ -83,6 +83,7 @@ def test_overlapping_dots_are_told(content):
         ({"version": 3}, "found version 3, written by a newer markergen; update markergen"),
         ({"version": "1"}, "found version '1'"),
         ({"format": "something"}, "another kind of file"),
+        ({"format": "markergen-rig"}, "found a markergen-rig; give a marker.json"),
         ({"boundary": {"kind": "circle", "radius": -1}}, "boundary.radius"),
         ({"boundary": {"kind": "circle", "radius": float("nan")}}, "found the number NaN"),
         ({"provenance": {"camera": {"fx": float("-inf")}}}, "found the number -Infinity"),
