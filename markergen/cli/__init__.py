@@ -153,7 +153,9 @@ def _run(arguments: list[str], whole_help: bool) -> int:
     # Depending on its version, Typer bundles its own click; the base of BadParameter is UsageError either way.
     except typer.BadParameter.__base__ as error:  # type: ignore[misc]
         command = error.ctx.command_path if error.ctx else "markergen"
-        raise MarkergenError(f"{error.format_message().rstrip('.')}; see {command} --help") from error
+        message = error.format_message().rstrip(".")
+        see = " See" if message.endswith("?") else "; see"
+        raise MarkergenError(f"{message}{see} {command} --help") from error
     except SystemExit as end:
         # Click ends the program itself where the reader of our output has closed the pipe.
         if isinstance(end.__context__, BrokenPipeError):

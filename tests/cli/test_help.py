@@ -74,6 +74,7 @@ def test_every_command_has_an_example(name, capsys):
         ("detect m.json a.png", "Missing option '--marker'. Write --marker m.json; see markergen detect --help"),
         ("calibrate a.png --marker m.json", "m.json comes first, without --marker; see"),
         ("rig cube --sides 6", "No such option: --sides; see"),
+        ("desgin", "Did you mean 'design'? See markergen --help"),
     ],
 )
 def test_names_of_other_tools_and_misspelled_ones_are_answered(arguments, message, capsys):
