@@ -99,7 +99,7 @@ def _draw(canvas: NDArray[Any], result: "Found") -> None:
         for axis, (name, color) in zip(np.eye(3), _AXES.items(), strict=True):
             pixels = _seen(result, None, np.stack([0 * axis, axis]) * target.radius / 2)
             _polyline(canvas, pixels, color, width=2)
-            _label(canvas, pixels[1], name, color, result.pixels[:0], taken)
+            _label(canvas, pixels[1], name, color, result.pixels, taken)
     for pixel in result.pixels:
         for arm in ((4, 0), (0, 4)):
             _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
