@@ -476,7 +476,15 @@ def calibrate_bodies(
     body = _with_markers(bodies[0], designs) if len(bodies[0].plates) > 1 else None
     result = _result(designs, first, sightings, np.flatnonzero(cleaned.dots), cleaned, choices, body, off)
     report("judging", 1, 1)
-    return result
+    return (
+        replace(result, notes=(*result.notes, ANEW)) if any(marker.joint_covariance for marker in markers) else result
+    )
+
+
+ANEW = (
+    "What was measured of the dots before takes no part, nor does their scale: give lengths between them again "
+    "(--measured), and all photographs at once."
+)
 
 
 def _together(whole: Network, sightings: PhotographedDots, fits: Sequence[Cleaned]) -> tuple[Network, Cleaned]:

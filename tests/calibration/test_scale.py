@@ -9,7 +9,7 @@ from sentences import sentence
 
 import markergen as mg
 from benchmarks.calibration_sets import CAMERA
-from markergen.calibration.calibration import Known
+from markergen.calibration.calibration import ANEW, Known
 from markergen.calibration.network import Length
 from markergen.calibration.scale import ScaleErrors
 from markergen.errors import InputError
@@ -51,6 +51,8 @@ def test_rulers_tell_the_scale_as_well_as_they_are_read(calibrated, design):
     result = calibrated([printed], 5, known(), false=0)
     assert share(result.markers[0]) == pytest.approx(0.001 / np.sqrt(2), rel=0.01)
     assert "known to 0.071 %" in result.scale_source
+    assert ANEW not in result.notes
+    assert ANEW in calibrated(result.markers, 5, known(), false=0).notes
     again = calibrated([by_rulers(result.markers[0])], 5, known(), false=0)
     assert share(again.markers[0]) == pytest.approx(share(result.markers[0]), rel=1e-3)
 
