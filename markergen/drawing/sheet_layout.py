@@ -41,7 +41,7 @@ from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker, marker_name
 
-_TILES = "leave out --no-tile"
+_TILES, _AS_PDF = "leave out --no-tile", "write a .pdf, which can have tiles"
 
 USUAL = find_paper("A4")
 """Paper that most printers hold: several markers go on pages of it, and a marker that needs more is told so."""
@@ -105,9 +105,13 @@ def one_page(
     for variant in [options] if named else [replace(options, paper=paper.name, tile=False) for paper in ISO]:
         try:
             pages = pages_for(markers, variant, beside)
-        except InputError:
-            if named or variant.paper == ISO[-1].name:
+        except InputError as error:
+            if named:
                 raise
+            if variant.paper == ISO[-1].name:
+                expected, found, remedy = error.args
+                # Here it is the format that has no tiles.
+                raise InputError(expected, found, remedy.replace(_TILES, _AS_PDF) if options.tile else remedy) from None
             continue
         if len(pages) == 1:
             note = f"A {suffix} file has one page; a .pdf fills pages of A4, or of another --paper."
@@ -272,9 +276,10 @@ def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, dots: F
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
-    larger = _larger(reach, options) or "no known paper holds it"
-    on_tiles = "write a .pdf, which can have tiles" if options.tile else _TILES
-    remedy = f"{larger}, or {on_tiles}; {_smaller(boundary, reach.beyond, options, dots)}"
+    larger = _larger(reach, options)
+    on_tiles = _AS_PDF if options.tile else _TILES
+    whole = f"{larger}, or {on_tiles}" if larger else f"no known paper holds it: {on_tiles}"
+    remedy = f"{whole}; {_smaller(boundary, reach.beyond, options, dots)}"
     if options.paper is None:
         return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)
     return InputError(f"paper of at least {room} for a marker {size}", str(frame.paper), remedy)

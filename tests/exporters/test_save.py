@@ -7,6 +7,7 @@ import pytest
 from sentences import pattern
 
 from markergen.drawing.paper import SheetOptions
+from markergen.drawing.sheet_layout import one_page
 from markergen.errors import InputError, OutputError
 from markergen.exporters import EXPORTERS, ExportOptions, Output, stem_of, suffix_of
 from markergen.exporters.saving import check_exports, save, with_record, write
@@ -131,6 +132,13 @@ def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_
             save(marker, [tmp_path / name for name in names], options)
     assert list(tmp_path.iterdir()) == []
     save(marker, [tmp_path / "m.pdf"], options)
+
+
+def test_several_markers_that_one_page_cannot_hold_go_to_a_pdf(make_ngon):
+    with pytest.raises(InputError) as raised:
+        one_page([make_ngon(5, 0.1, 0.02), make_ngon(5, 0.5, 0.05)], SheetOptions(), ".svg")
+    assert "no known paper holds it: write a .pdf" in str(raised.value)
+    assert "--no-tile" not in str(raised.value)
 
 
 @pytest.mark.parametrize(
