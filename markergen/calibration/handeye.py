@@ -330,12 +330,12 @@ def _squares(robot: RobotPoses, views: Views) -> Array:
 
 def _disagreement(robot: RobotPoses, views: Views) -> str:
     """How far poses are apart that no camera agrees with; "" for others."""
-    turned, moved = np.sqrt(_squares(robot, views).mean(axis=0))
-    if (turned_deg := float(np.rad2deg(turned))) > HOPELESS_DEG:
-        return f"rotations {turned_deg:.3g} deg RMS apart"
+    rotation, translation = np.sqrt(_squares(robot, views).mean(axis=0))
+    if (rotation_deg := float(np.rad2deg(rotation))) > HOPELESS_DEG:
+        return f"rotations {rotation_deg:.3g} deg RMS apart"
     spread = np.sqrt(np.sum(np.var(robot.flange[1], axis=0)))
-    if moved > max(HOPELESS_SHARE * spread, HOPELESS_M):
-        return f"translations {1e3 * moved:.3g} mm RMS apart, and rotations {turned_deg:.2g} deg"
+    if translation > max(HOPELESS_SHARE * spread, HOPELESS_M):
+        return f"translations {1e3 * translation:.3g} mm RMS apart, and rotations {rotation_deg:.2g} deg"
     return ""
 
 

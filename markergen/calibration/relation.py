@@ -67,16 +67,14 @@ class Relation:
         """Whether all markers are where the rig has them, within `SURE` standard deviations."""
         if self.rig is None:
             return True
-        turned, moved = (
-            off <= SURE * sigma for off, sigma in zip((self.turned_deg, self.moved), self.sigma, strict=True)
-        )
-        return bool(turned.all() and moved.all())
+        deviations = zip((self.turned_deg, self.moved), self.sigma, strict=True)
+        return all(bool((off <= SURE * sigma).all()) for off, sigma in deviations)
 
     @property
     def deviation(self) -> str:
         """How far the markers are from where the rig has them."""
-        turned, moved = (np.sqrt(np.mean(np.square(off))) for off in (self.turned_deg, self.moved))
-        return f"{turned:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them"
+        angle, moved = (np.sqrt(np.mean(np.square(off))) for off in (self.turned_deg, self.moved))
+        return f"{angle:.2g} deg and {1e3 * moved:.2g} mm RMS from where the rig has them"
 
     def plate_rows(self) -> list[tuple[Plate, float, float, float, float]]:
         """Each plate with its rotation in degrees and translation in m from the design, and their sigmas."""

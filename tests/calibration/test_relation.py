@@ -95,11 +95,11 @@ def test_the_relation_is_found_within_its_covariance(count):
         size, rank = nees(error, result.rig.relation_covariance)
         assert rank == 30
         total, freedom = total + size, freedom + rank
-        assert found.looseness == pytest.approx(1, abs=0.3)
-        assert found.turned_deg.max() > 0.1
-        assert not found.is_as_designed
-        assert np.median(found.sigma[0]) < 0.1
-        assert np.median(found.sigma[1]) < 1e-4
+        assert result.looseness == pytest.approx(1, abs=0.3)
+        assert result.turned_deg.max() > 0.1
+        assert not result.is_as_designed
+        assert np.median(result.sigma[0]) < 0.1
+        assert np.median(result.sigma[1]) < 1e-4
     assert total / freedom == pytest.approx(1, abs=3 * np.sqrt(2 / freedom))
 
 

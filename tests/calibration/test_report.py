@@ -206,9 +206,13 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert verdict_sentence(as_designed).startswith(sentence("use measured") + " or the design")
     assert as_designed.to_use
     network = replace(adjustment.network, lengths=(Length(0, 1, 0.07, 1e-5),))
-    for scale, words in ((1.004, "it is 0.4 % larger than designed"), (0.996, "0.4 % smaller"), (1.0, "or the design")):
+    for scale, phrase in (
+        (1.004, "it is 0.4 % larger than designed"),
+        (0.996, "0.4 % smaller"),
+        (1.0, "or the design"),
+    ):
         scaled = replace(adjustment, network=network, places=scale * network.design)
-        assert words in verdict_sentence(replace(as_designed, adjustment=scaled))
+        assert phrase in verdict_sentence(replace(as_designed, adjustment=scaled))
         assert replace(as_designed, adjustment=scaled).to_use
     relation = SimpleNamespace(rig=object(), is_as_designed=False, deviation="1 deg off")
     assert "Use the measured rig: its markers are 1 deg off; " in verdict_sentence(

@@ -334,11 +334,11 @@ def test_the_table_names_rooms_where_they_differ(results):
 def test_who_found_few_of_the_common_views_has_the_share_in_brackets(results):
     first, *others = results.found["contestants"]
     missed = first | {"common": first["common"] | {"rate": 0.375}}
-    found = results.found | {"contestants": [missed, *others]}
-    table = next(table for table in tables_of(found) if "found by all" in table.title)
+    result = results.found | {"contestants": [missed, *others]}
+    table = next(table for table in tables_of(result) if "found by all" in table.title)
     assert table.rows[0][1].endswith(" (37.5 %)")
     assert "In brackets" in table.caption
-    labels = [label.get_text() for label in comparison_figure(found).get_axes()[0].get_yticklabels()]
+    labels = [label.get_text() for label in comparison_figure(result).get_axes()[0].get_yticklabels()]
     assert labels[0] == "marker.json (37.5 %)"
     assert labels[1] == PEERS[0]
 

@@ -66,16 +66,16 @@ def test_numbers_of_a_dense_grid_hide_neither_dots_nor_each_other():
     assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
 
 
-@pytest.mark.parametrize("turn", [18, 20, 24])
-def test_names_of_axes_hide_no_dot(make_ngon, turn):
+@pytest.mark.parametrize("angle", [18, 20, 24])
+def test_names_of_axes_hide_no_dot(make_ngon, angle):
     """The key dot is on the y axis, near whose end the name is."""
     marker, camera = make_ngon(6, 0.06, 0.0305), Camera(640, 480, 700.0, 700.0, 320.0, 240.0)
-    rotation = np.linalg.multi_dot(exponential(np.deg2rad([[0, 0, 2 * turn], [0, turn, 0], [155, 0, 0]])))
+    rotation = np.linalg.multi_dot(exponential(np.deg2rad([[0, 0, 2 * angle], [0, angle, 0], [155, 0, 0]])))
     image = render_view(marker, camera, rotation, np.array([0.02, 0, 0.5]), Optics(), np.random.default_rng(0))
-    found = detect(image, marker, camera)
-    assert len(found.ids) == 6
-    drawn = decoded(overlay(image, [found]))
-    for x, y in np.rint(found.pixels).astype(int) + 3:
+    finding = detect(image, marker, camera)
+    assert len(finding.ids) == 6
+    drawn = decoded(overlay(image, [finding]))
+    for x, y in np.rint(finding.pixels).astype(int) + 3:
         # Between the arms of the cross, which is drawn last.
         assert (drawn[y, x] == image[y, x]).all()
 

@@ -91,7 +91,7 @@ def test_points_that_are_no_marker_are_refused(points, dot, phrase):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "phrase"),
     [
         (lambda: mg.Marker.grid("7x5", -1), "a pitch above 0, found pitch=-1"),
         (lambda: mg.Marker.hexagonal("7x5", "0mm"), "a pitch above 0, found pitch='0mm'"),
@@ -102,6 +102,6 @@ def test_points_that_are_no_marker_are_refused(points, dot, phrase):
         (lambda: mg.Marker.from_points([(0, 0), (0.1, 0), (0, 0.1), (0.1,)], "10mm"), "points .* in m, found"),
     ],
 )
-def test_the_argument_that_is_wrong_is_named(make, words):
-    with pytest.raises(mg.InputError, match=words):
+def test_the_argument_that_is_wrong_is_named(make, phrase):
+    with pytest.raises(mg.InputError, match=phrase):
         make()

@@ -188,11 +188,11 @@ def test_dots_that_run_together_in_images_are_told_with_the_gap_that_serves():
     camera, diameter = Camera(640, 480, 800, 800, 320, 240), 0.01
     for gap in (0.0012, 0.0018):  # 0.96 and 1.44 px
         points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-        said = crowded(points, diameter, camera, poses)
-        assert bool(said) == (800 * gap < BLOT_PX)
-        if said:
-            assert "100 %" in said[0]
-            assert "--gap 1.5mm" in said[0]  # 1.2 px
+        message = crowded(points, diameter, camera, poses)
+        assert bool(message) == (800 * gap < BLOT_PX)
+        if message:
+            assert "100 %" in message[0]
+            assert "--gap 1.5mm" in message[0]  # 1.2 px
     assert crowded(points, 0.0, camera, poses) == []
 
 
@@ -214,9 +214,9 @@ def test_a_blur_fills_gaps_between_dots():
     camera, diameter, gap = Camera(640, 480, 800, 800, 320, 240), 0.02, 0.003
     points = np.array([[0.0, 0, 0], [diameter + gap, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
     assert crowded(points, diameter, camera, poses) == []
-    [said] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
-    assert "3 px apart in 100 %" in said
-    assert "--gap 3.8mm" in said
+    [message] = crowded(points, diameter, camera, poses, ImageNoise(blur_px=1.75))
+    assert "3 px apart in 100 %" in message
+    assert "--gap 3.8mm" in message
 
 
 def test_images_of_dots_that_keep_the_gap_stay_apart_wherever_they_are(setting):

@@ -18,6 +18,7 @@ from markergen.workshop.assembly import made_of
 from markergen.workshop.drafting.drawing import around
 from markergen.workshop.drafting.pen import Lettering
 from markergen.workshop.drafting.rig_drawing import face_works, rig_page, rig_work
+from markergen.workshop.formats import fab_pdf
 from tests.support.rigs import cube, mounted, plate, rectangle, wall
 from tests.workshop.test_assembly import prism
 

@@ -282,8 +282,8 @@ def test_no_extension_line_runs_through_words_of_another_dimension(height):
     style = Style(1.4)
     spans = [Dimension(-3.0, 0.0, "3 \xb10.1"), Dimension(0.0, height, f"{height:g} \xb10.03")]
     shapes = stacked(spans, DrawingView(0.0, 0.0, 0.5), 0.0, CLOSE * style.scale, CLOSE * style.scale, style)
-    words = [bounds(shape) for shape in shapes if isinstance(shape, Lettering)]
+    phrase = [bounds(shape) for shape in shapes if isinstance(shape, Lettering)]
     lines = [bounds(shape) for shape in shapes if isinstance(shape, Line)]
-    assert len(words) == 2
-    for left, low, right, high in words:
+    assert len(phrase) == 2
+    for left, low, right, high in phrase:
         assert not any(low < y < high and x0 < left and right < x1 for x0, y, x1, y1 in lines if y1 - y < 0.5)
