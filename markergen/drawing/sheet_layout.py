@@ -106,13 +106,11 @@ def one_page(
         try:
             pages = pages_for(markers, variant, beside)
         except InputError as error:
-            if named:
-                raise
-            if variant.paper == ISO[-1].name:
-                expected, found, remedy = error.args
-                # Here it is the format that has no tiles.
-                raise InputError(expected, found, remedy.replace(_TILES, _AS_PDF) if options.tile else remedy) from None
-            continue
+            if not named and variant.paper != ISO[-1].name:
+                continue
+            # Several markers have no tiles in this format.
+            expected, problem, remedy = error.args
+            raise InputError(expected, problem, remedy if named else remedy.replace(_TILES, _AS_PDF)) from None
         if len(pages) == 1:
             note = f"A {suffix} file has one page; a .pdf fills pages of A4, or of another --paper."
             return pages[0] if named else replace(pages[0], notes=(*pages[0].notes, note))
@@ -373,11 +371,8 @@ def _single_notes(
 CAPTION, CAPTION_LINES = 1.7, 3
 """Cap height of captions in mm on A4, and their number of lines."""
 
-GAP = 4.0
-"""Gap between neighbors, mm on A4."""
-
-BESIDE = 6.0
-"""Width reserved for the ruler along y, mm on A4."""
+GAP, BESIDE = 4.0, 6.0
+"""Gap between neighbors, and width reserved for the ruler along y, mm on A4."""
 
 
 def grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequence[Frame]) -> tuple[Sheet, ...]:
