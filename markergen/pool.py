@@ -49,9 +49,11 @@ class OneBlasThread(ContextDecorator):
     _limits: ClassVar[Any] = None
 
     def __enter__(self) -> None:
-        import scipy.linalg  # noqa: F401 - has a library of its own, which can be limited once it is loaded
         from threadpoolctl import threadpool_limits
 
+        # SciPy's library can be limited once it is loaded; where the variable says so, it loads with one thread.
+        if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
+            import scipy.linalg  # noqa: F401
         with self._lock:
             if not OneBlasThread._users:
                 OneBlasThread._limits = threadpool_limits(1, user_api="blas")

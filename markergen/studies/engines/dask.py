@@ -2,14 +2,13 @@
 
 import asyncio
 import logging
-import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError, MarkergenError, MissingLibraryError, install
-from markergen.pool import BLAS_THREADS
+from markergen.pool import OneBlasThread
 from markergen.registry import Luggage, outside, receive
 from markergen.studies.cells import Cell, Result, Work, versions
 from markergen.studies.engines import ENGINES, Engine
@@ -147,7 +146,6 @@ class Dask(Engine):
 def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -> Result:
     """Compute a cell on a worker with one thread, after checking that its versions match."""
     import cv2
-    from threadpoolctl import threadpool_limits
 
     here = versions()
     if here != wanted:
@@ -155,10 +153,8 @@ def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -
         raise InputError("the same versions on the Dask workers", ", ".join(differing), "install the same there")
     receive(luggage)
     cv2.setNumThreads(1)
-    # For libraries already loaded, and through the environment for those that the cell loads.
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-    threadpool_limits(1)
-    return work(cell)
+    with OneBlasThread():
+        return work(cell)
 
 
 @contextmanager
