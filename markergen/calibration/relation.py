@@ -19,6 +19,7 @@ import numpy as np
 from markergen.arrays import Array, Indices
 from markergen.calibration.adjustment import Adjustment, adjust
 from markergen.calibration.network import Pose, RigidPoses
+from markergen.calibration.scale import DOUBTED
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between, inverse_pose, pose_product, rigid_motion, skew
 from markergen.model.body import Body, Plate
@@ -26,9 +27,6 @@ from markergen.model.body import Body, Plate
 LOOSE = 3.0
 """Ratio of residuals with one pose for all that is held together to those with one for each from which on it counts as
 moving."""
-
-SURE = 3.0
-"""Standard deviations from which on a marker is not where the rig has it, as of a scale that rulers contradict."""
 
 STRAY, STRAY_DEG, LEAST_PAIRS = 20.0, 3.0, 5
 """Angle beyond which a pair of photographs was not taken at once: times the median of the pairs' angles to the middle
@@ -64,11 +62,11 @@ class Relation:
 
     @property
     def is_as_designed(self) -> bool:
-        """Whether all markers are where the rig has them, within `SURE` standard deviations."""
+        """Whether all markers are where the rig has them, within `DOUBTED` standard deviations."""
         if self.rig is None:
             return True
         deviations = zip((self.turned_deg, self.moved), self.sigma, strict=True)
-        return all(bool((off <= SURE * sigma).all()) for off, sigma in deviations)
+        return all(bool((off <= DOUBTED * sigma).all()) for off, sigma in deviations)
 
     @property
     def deviation(self) -> str:

@@ -16,7 +16,7 @@ from markergen.model.marker import Marker
 from markergen.model.rescale import scale_sigmas
 
 DOUBTED = 3.0
-"""Difference in standard deviations from which on rulers are said to contradict the photographs."""
+"""Difference in standard deviations from which on rulers contradict the photographs, and these the designed rig."""
 
 
 def measured_growth(adjustment: Adjustment) -> float:
