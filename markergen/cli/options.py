@@ -158,8 +158,8 @@ class GroupedCommand(TyperCommand):
         except InputError as error:
             expected, problem, _ = error.args
             names = [param.name for param in self.params if param.param_type_name == "argument"]
-            words = (str(word) for name in names[1:] for word in as_list(ctx.params[name]))
-            body = next((word for word in words if word.endswith(".json")), "")
+            others = (str(value) for name in names[1:] for value in as_list(ctx.params[name]))
+            body = next((value for value in others if value.endswith(".json")), "")
             place = str(ctx.params.get("marker"))
             if names[:1] != ["marker"] or not body or place.endswith(".json") or not expected.endswith(f" {place}"):
                 raise

@@ -175,12 +175,12 @@ def stacked(
     minus.
     """
     drawn: list[list[Shape]] = []
-    words: list[Box] = []
+    texts: list[Box] = []
     for span, (at, _) in zip(spans, stacked_at(spans, view.scale, first - start, tier, style), strict=True):
         low, high = (view.at((0.0, z))[1] for z in (span.start, span.end))
-        from_low, from_high = (max([start, *(box[2] for box in words if box[1] < y < box[3])]) for y in (low, high))
+        from_low, from_high = (max([start, *(box[2] for box in texts if box[1] < y < box[3])]) for y in (low, high))
         drawn.append(vertical_dimension(low, high, start + at, (from_low, from_high), span.text, style))
-        words += [bounds(shape) for shape in drawn[-1] if isinstance(shape, Lettering)]
+        texts += [bounds(shape) for shape in drawn[-1] if isinstance(shape, Lettering)]
     # Outer dimensions first, so that the text of the inner ones covers their lines.
     return [shape for shapes in reversed(drawn) for shape in shapes]
 
