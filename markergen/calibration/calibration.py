@@ -51,6 +51,12 @@ from markergen.presentation.tables import Table, number
 from markergen.read.cameras.files import camera_bytes, check_camera_path
 from markergen.validation.setting import setting_of
 
+ANEW = (
+    "What was measured of the dots before takes no part, nor does their scale: give lengths between them again "
+    "(--measured), and all photographs at once."
+)
+"""Note to the calibration of a marker that was calibrated before."""
+
 
 @dataclass(frozen=True, eq=False)
 class CalibratedCamera:
@@ -476,15 +482,8 @@ def calibrate_bodies(
     body = _with_markers(bodies[0], designs) if len(bodies[0].plates) > 1 else None
     result = _result(designs, first, sightings, np.flatnonzero(cleaned.dots), cleaned, choices, body, off)
     report("judging", 1, 1)
-    return (
-        replace(result, notes=(*result.notes, ANEW)) if any(marker.joint_covariance for marker in markers) else result
-    )
-
-
-ANEW = (
-    "What was measured of the dots before takes no part, nor does their scale: give lengths between them again "
-    "(--measured), and all photographs at once."
-)
+    anew = [ANEW] if any(marker.joint_covariance for marker in markers) else []
+    return replace(result, notes=(*result.notes, *anew))
 
 
 def _together(whole: Network, sightings: PhotographedDots, fits: Sequence[Cleaned]) -> tuple[Network, Cleaned]:
